@@ -15,11 +15,13 @@ from scene_cases import LOADED_JOURNAL, RIGID_ROD, write_scene
 from study_cases import COARSE
 
 import fenics_ehd as ehd
+from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.extremes import FilmRows, over_time
 from fenics_ehd.cli import check
 from fenics_ehd.cli.options import answer
 from fenics_ehd.multibody.recorder import COUNTS, STEP_COUNTS
 from fenics_ehd.multibody.trust import SIGNS
+from fenics_ehd.plotting.shown import TIME, ShownRun
 from fenics_ehd.reduction.part_files import BasisFile
 
 #: The rod without elasticity over the first degrees of crank angle: everything but the many modes.
@@ -137,10 +139,19 @@ def test_a_periodic_run_writes_its_last_cycle(tmp_path, capfd):
     assert abs(balance) < 1e-3 * gained["film"]
     for name in ("force_x_N", "eccentricity_x_m", "kinetic_energy_J"):
         assert history[name][0] == history[name][-1]
+    shown = ShownRun("", tmp_path / "out")
     for column, sign in (("max_pressure_Pa", 1), ("min_film_thickness_m", -1)):
         times = history["cycle_time_s"][1:]
-        value = over_time(times, history[column][1:], times[-1], sign)[0]
+        value, time = over_time(times, history[column][1:], times[-1], sign)
         assert entries[column] == pytest.approx(value)
+        # Times of extremes are from the start of the cycle in history, summary and pictures.
+        name = split_unit(column)[0]
+        assert entries[f"{name}_time_s"] == pytest.approx(time)
+        position, drawn = shown.joints["bearing"].extreme(column, TIME)
+        assert position == pytest.approx(1e3 * time)
+        assert drawn == entries[column]
+    assert shown.time_name == "time in the cycle"
+    assert shown.time.tolist() == pytest.approx(history["cycle_time_s"].tolist())
     # The film carries the load: at 10 ms it is (-500, 900) N.
     at = int(np.argmin(np.abs(history["cycle_time_s"] - 10e-3)))
     force = history["force_x_N"][at], history["force_y_N"][at]

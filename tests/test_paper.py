@@ -1,15 +1,13 @@
 """Verdicts on the paper's statements, for studies whose result is known."""
 
+import dataclasses
+import json
 from functools import partial
 
 import numpy as np
-import paper
-import paper_rotor as rotor
-import paper_slider_crank as crank
-import paper_statement as comparisons
 import pytest
-from paper_statement import FAILS, HOLDS, NOT_RUN, OPEN, PARTLY, MissingRunsError
 from report_cases import (
+    NAN,
     bearing,
     m1,
     m2,
@@ -22,17 +20,29 @@ from report_cases import (
     write_study,
 )
 
-import fenics_ehd as ehd
+from fenics_ehd.study.paper import FIGURES
+from fenics_ehd.study.report import paper_page
+from fenics_ehd.study.report import paper_rotor as rotor
+from fenics_ehd.study.report import paper_slider_crank as crank
+from fenics_ehd.study.report import paper_statement as comparisons
+from fenics_ehd.study.report.paper_statement import (
+    FAILS,
+    HOLDS,
+    NOT_RUN,
+    OPEN,
+    PARTLY,
+    MissingRunsError,
+)
 
 UNIT = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
 LITERAL = {"selection": "smallest-eigenvalue"}
 LONG, SHORT = ({"pressure_set": f"pc2-{name}"} for name in ("long", "short"))
 
 
-@pytest.mark.parametrize("scene", paper.STATEMENTS)
+@pytest.mark.parametrize("scene", paper_page.STATEMENTS)
 def test_a_study_without_runs_has_the_verdict_not_run_for_every_statement(scene, tmp_path):
     empty = bearing(scene=scene, directory=tmp_path)
-    findings = [statement.judge(empty) for statement in paper.STATEMENTS[scene]]
+    findings = [statement.judge(empty) for statement in paper_page.STATEMENTS[scene]]
     assert {finding.verdict for finding in findings} == {NOT_RUN}
     assert all(finding.measured for finding in findings)
 
@@ -235,24 +245,37 @@ def test_errors_are_larger_where_the_pressure_is_high(tmp_path):
     assert rotor.large_where_high(folder).verdict == HOLDS
 
 
-def test_statements_and_verdicts_are_written_to_a_page(tmp_path):
+def test_errors_and_verdicts_of_a_figure_are_written_to_a_page(tmp_path):
     unit = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
-    rows = [m1(28), m2(28), m1(48), m2(48), m3(20, coordinates=30, **unit),
-            m3(40, coordinates=50, **unit)]  # fmt: skip
-    study = write_study(tmp_path, rows, ("bearing",), scene="rotor-paper")
-    for name, above in (("reference", 0.0), *((row["run"], 0.1) for row in rows)):
-        write_history(study, name, above=above)
-    page = "\n".join(paper.write_paper(tmp_path))
-    assert page == (tmp_path / "paper.md").read_text()
-    judged = [line.split(" | ") for line in page.splitlines() if line.startswith("| 5.2")]
-    verdicts = {cells[1]: cells[-1] for cells in judged}
-    assert verdicts["with 30 modes M1 is farthest off"] == "holds |"
-    assert verdicts["the tilting shaft makes the pressure unsymmetric along the axis"] == (
-        "does not hold |"
+    rows = [run("reference", group="reference", method="full", pressure_error_max=NAN),
+            run("reference-step", group="reference", method="full"), m1(30), m2(30),
+            m3(20, coordinates=32, **unit), m4() | {"run": "m4-10-2e-03"}, m1(50)]  # fmt: skip
+    rows[-1] = without_end(rows[-1])
+    study = write_study(tmp_path / "rotor-paper", rows, ("bearing",), scene="rotor-paper")
+    for row in rows[:-1]:
+        write_history(study, row["run"], above=0.0 if row["run"] == "reference" else 0.1)
+    (machine,) = paper_page.write_paper_page(tmp_path)
+    assert machine.missing == (11,)
+    (result,) = machine.figures
+    assert not result.failed
+    verdicts = {each.statement.text: each.finding.verdict for each in result.statements}
+    assert verdicts["with 30 modes M1 is farthest off"] == HOLDS
+    others = {each.statement.text: each.finding.verdict for each in machine.others}
+    assert others["the tilting shaft makes the pressure unsymmetric along the axis"] == FAILS
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<svg") + page.count("data:image/svg+xml") == 1
+    for row in result.table().rows:
+        assert f'<td class="word">{row[0]}</td>' in page
+    stored = json.loads((tmp_path / "paper.json").read_text())
+    assert stored["missing_figures"] == [11]
+    assert {each["statement"]: each["verdict"] for each in stored["statements"]["rotor-paper"]} == (
+        others
     )
 
 
-def test_the_study_of_another_machine_is_refused(tmp_path):
-    write_study(tmp_path, [m1(37)], scene="engine")
-    with pytest.raises(ehd.errors.InputError, match="scene = engine"):
-        paper.read_paper(tmp_path)
+def test_a_run_that_failed_has_its_status_in_the_table(tmp_path):
+    failed = without_end(m1(22), "failed: StepSizeError: 1e-13 s")
+    figure = dataclasses.replace(FIGURES[6], variants=FIGURES[6].variants[:1])
+    result = paper_page.FigureResult(figure, bearing(directory=tmp_path).study, (failed,), ())
+    assert result.failed == {"m1-22": "failed: StepSizeError: 1e-13 s"}
+    assert result.table().rows[0][0] == "M1: failed: StepSizeError: 1e-13 s"

@@ -1,9 +1,11 @@
 """``fenics-ehd paper``: figures, estimates, and the documented parameters of the paper."""
 
+import csv
 import json
 import re
 import tomllib
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ import fenics_ehd as ehd
 from fenics_ehd.scenes.scene import as_stored
 from fenics_ehd.study import paper, pool
 from fenics_ehd.study.plan import REFERENCE, full, steps
+from fenics_ehd.study.report.page import percent
 from fenics_ehd.study.report.paper_figures import draw_figure
 from fenics_ehd.study.worker import CaseResult, failed
 
@@ -59,7 +62,7 @@ def test_every_run_of_a_figure_is_planned_and_has_an_estimate(scene):
     runs = {run for figure in paper.figures_of(scene) for run in figure.runs}
     assert runs <= study.cases.keys()
     assert study.cases.keys() - runs <= {paper.OWN_ERROR, f"{REFERENCE}-basis"}
-    assert paper.SECONDS[scene].keys() == runs
+    assert paper.SECONDS[scene].keys() == paper.paper_study(scene, statements=True).cases.keys()
 
 
 def test_the_runs_have_the_paper_s_numbers_of_modes():
@@ -93,8 +96,11 @@ def tiny_figures(monkeypatch):
     monkeypatch.setattr(paper, "FIGURES", figures)
     monkeypatch.setattr(paper, "REFERENCES", {scene: reference})
     seconds = {REFERENCE: 90.0, paper.OWN_ERROR: 20.0, "m1-10": 5.0, "m1-14": 5.0}
+    seconds |= {f"{REFERENCE}-basis": 20.0, "m2-10": 5.0}
     monkeypatch.setattr(paper, "SECONDS", {scene: seconds})
-    monkeypatch.setattr(paper, "paper_study", lambda name: study_of(name, TINY))
+    more = {scene: (paper.m1(10), paper.m2(10))}
+    monkeypatch.setattr(paper, "STATEMENT_VARIANTS", more)
+    monkeypatch.setattr(paper, "paper_study", partial(study_of, settings=TINY))
     monkeypatch.setattr(pool, "open_pool", lambda workers: nullcontext(inline))
     return inline
 
@@ -108,9 +114,20 @@ def test_figures_are_made_and_complete_runs_are_not_repeated(tiny_figures, capfd
     assert ["5", "2", "0", "95", "s"] in lines
     assert lines.index(["5", "2", "0", "95", "s"]) < 3
     assert tiny_figures.cases == [REFERENCE, "m1-10"]
-    (entry,) = json.loads(out)["figures"]
-    assert entry["files"] == [str(folder / f"figure_5.{ending}") for ending in ("png", "svg")]
+    result = json.loads(out)
+    (entry,) = result["figures"]
+    assert entry["files"] == ["figure_5.png", "figure_5.svg"]
+    assert [row["run"] for row in entry["runs"]] == [REFERENCE, "m1-10"]
+    assert result.pop("directory") == str(folder)
+    assert json.loads((folder / "paper.json").read_text()) == result
     first = (folder / "figure_5.svg").read_bytes()
+
+    page = (folder / "report.html").read_bytes()
+    assert b"--figures 6 computes them" in page
+    (folder / "report.html").unlink()
+    status, out, _ = exit_of(capfd, "report", folder)
+    assert (status, out.strip()) == (0, str(folder / "report.html"))
+    assert (folder / "report.html").read_bytes() == page
 
     tiny_figures.tasks.clear()
     status, out, err = exit_of(capfd, "paper", "-o", folder)
@@ -121,10 +138,34 @@ def test_figures_are_made_and_complete_runs_are_not_repeated(tiny_figures, capfd
     assert (folder / "figure_5.svg").read_bytes() == first
     assert (folder / "figure_6.png").is_file()
     assert "figure_6.png" in out
+    rows = list(csv.DictReader((folder / "paper.csv").open()))
+    assert [(row["figure"], row["run"]) for row in rows[-2:]] == [("6", "m1-10"), ("6", "m1-14")]
+    # Printed errors are those of the study, of which the table has a copy.
+    printed = next(line for line in out.splitlines() if line.startswith("  M1"))
+    assert percent(float(rows[1]["pressure_error_max"])) in printed
     # Estimates are in proportion to the times of the complete runs.
     (row,) = [line for line in lines if line[:3] == ["6", "4", "2"]]
     assert row[-1] == "s"
     assert float(row[-2]) < 25
+
+
+def test_runs_of_statements_are_planned_once_they_exist(tiny_figures, tmp_path):
+    scene = paper.SLIDER_CRANK
+    assert "m2-10" in paper.paper_study(scene, statements=True).cases
+    assert "m2-10" not in paper.paper_study(scene).cases
+    # M1 with 10 modes is a run of a figure.
+    for name, expected in (("m1-10", False), ("m2-10", True)):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        assert paper.has_statement_runs(tmp_path, scene) is expected
+
+
+def test_report_of_a_folder_without_runs_is_refused(capfd, tmp_path):
+    (tmp_path / "manifest.txt").write_text(
+        "fenics_ehd made these in this folder, and may remove or replace them:\ncommand: paper\n"
+    )
+    status, _, err = exit_of(capfd, "report", tmp_path)
+    assert status == 2
+    assert "slider-crank-paper/study.json" in err
 
 
 def without_steps(task):
@@ -160,7 +201,8 @@ def test_curves_of_the_slider_crank_are_those_of_the_figure_s_runs(number, rows,
     curves = [line for line in drawn.axes[0].lines if len(line.get_xdata()) > 2]
     assert len(curves) == 1 + len(rows)
     safe = [line for line in drawn.axes[1].lines if set(line.get_ydata()) == {2.5}]
-    assert len(safe) == 1
+    # The paper has the line of h_safe in figure 5 (b) alone.
+    assert len(safe) == (number == 5)
 
 
 def test_curves_of_the_rotor_are_errors(tmp_path):

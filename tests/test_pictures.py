@@ -21,7 +21,7 @@ from fenics_ehd.plotting import maps as bores
 from fenics_ehd.plotting import shown
 from fenics_ehd.plotting.picture import ENDINGS, kind_of, plt, save
 from fenics_ehd.plotting.pictures import OF_EVERY_RUN, QUANTITIES, Pictures, plot_run
-from fenics_ehd.plotting.shown import ShownJoint, ShownRun
+from fenics_ehd.plotting.shown import TIME, ShownJoint, ShownRun
 from fenics_ehd.results.recorded_run import MADE
 
 #: Steps of a cycle, short and long ones.
@@ -50,6 +50,8 @@ def joint(name="big_end", run="one", figures=None, turned=None, **columns):
             figures=figures or {},
             label="",
             angle_name="crank angle",
+            time_name="time in the cycle",
+            current=False,
             starts=False,
             journal_angle=lambda _: turned,
         ),
@@ -487,6 +489,29 @@ def bearings(two_bearings, tmp_path_factory):
 
 
 plot = partial(call, "plot")
+
+
+def test_numbers_in_pictures_are_those_of_the_summary(bearings):
+    """Extremes between the steps and means over time, with the same four digits."""
+    pictures = Pictures({"": bearings.directory})
+    summary = json.loads((bearings.directory / "summary.json").read_text())["joints"]["left"]
+    for quantity, entry, factor in (
+        ("max_pressure", "cycle_max_pressure_Pa", 1e-6),
+        ("min_film_thickness", "cycle_min_film_thickness_m", 1e6),
+        ("specific_load", "cycle_max_specific_load_Pa", 1e-6),
+        ("eccentricity", "cycle_max_eccentricity_ratio", 1.0),
+        ("friction", "mean_friction_power_W", 1.0),
+        ("friction", "mean_friction_torque_Nm", 1.0),
+        ("flow", "mean_side_flow_m3_per_s", 1e6),
+    ):
+        figure = pictures.figure(quantity)
+        texts = [text.get_text() for axes in figure.axes for text in axes.get_legend().get_texts()]
+        assert any(f"{factor * summary[entry]:.4g} " in f"{text} " for text in texts), entry
+        plt.close(figure)
+    shown = ShownRun("", bearings.directory)
+    extreme = shown.joints["left"].extreme("max_pressure_Pa", TIME)
+    assert extreme == (1e3 * summary["max_pressure_time_s"], summary["max_pressure_Pa"])
+    assert shown.time_name == "time"
 
 
 def test_the_command_draws_what_is_asked_for(bearings, tmp_path, capsys):

@@ -1,21 +1,26 @@
 """The report of a run: self-contained, every figure once with its error, two sheets of pictures."""
 
+import hashlib
 import html.parser
 import json
 import re
+from base64 import b64decode
 from functools import partial
 from pathlib import Path
 from shutil import copytree
 
+import numpy as np
 import pytest
-from command_line import call, exit_of
+from command_line import OF_THE_MACHINE, call, exit_of
 from hypothesis import given
 from hypothesis import strategies as st
+from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
-from fenics_ehd.multibody.figures import figures_of
+from fenics_ehd.multibody.figures import Figure, figures_of
 from fenics_ehd.scenes.scene import as_stored
-from fenics_ehd.study.report.run_figures import UNITS, figure_blocks, number_text
+from fenics_ehd.study.report.run_figures import UNITS, figure_blocks, is_zero, number_text
+from fenics_ehd.study.report.run_inputs import LARGEST
 from fenics_ehd.study.report.scene_words import scene_entries, setting_text
 
 FORMER = Path(__file__).parent / "stored" / "run-0.3"
@@ -31,7 +36,7 @@ class Page(html.parser.HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.tags, self.links, self.names, self.open = [], [], [], []
-        self.values, self.text = {}, ""
+        self.values, self.files, self.text = {}, {}, ""
         self.feed(text)
         self.close()
         assert not self.open
@@ -40,6 +45,9 @@ class Page(html.parser.HTMLParser):
         self.tags.append(tag)
         self.names += dict(attributes).get("data-figure", "").split()
         self.links += [value for name, value in attributes if name in ("href", "src")]
+        if "download" in dict(attributes):
+            content = dict(attributes)["href"].partition(";base64,")[2]
+            self.files[dict(attributes)["download"]] = b64decode(content)
         if tag not in VOID:
             self.open.append((tag, dict(attributes).get("data-figure", "").split()))
 
@@ -75,10 +83,26 @@ def test_the_page_needs_no_other_file(reported):
     assert "url(" not in (reported / "report.html").read_text()
 
 
+def hidden(history):
+    """Names of figures that are zero, and of their positions, which the page does not print."""
+    blocks = figure_blocks(
+        figures_of(history.summary()), "crank", searched="cycles" in history.summary(),
+        columns={name: joint.columns for name, joint in history.joints.items()},
+    )  # fmt: skip
+    names = []
+    for block in blocks:
+        for cell in (cell for row in block.zero for cell in row.cells if cell):
+            names += cell.names + [name for part in cell.positions for name in part.names]
+        for cell in (cell for row in block.rows for cell in row.cells if cell and cell.zero):
+            names += [name for part in cell.positions for name in part.names]
+    return names
+
+
 def test_every_figure_of_the_summary_is_on_the_page_once(reported):
-    summary = ehd.load_history(reported).summary()
+    history = ehd.load_history(reported)
+    summary = history.summary()
     page = page_of(reported)
-    assert sorted(page.names) == sorted(full_names(summary))
+    assert sorted(page.names + hidden(history)) == sorted(full_names(summary))
     for joint, figures in summary["joints"].items():
         value = float(page.values[f"{joint}.max_pressure_Pa"].removesuffix(" MPa"))
         assert value == pytest.approx(1e-6 * figures["max_pressure_Pa"], rel=1e-3)
@@ -99,11 +123,82 @@ def test_the_page_names_every_entry_of_its_scene_and_repeats_the_run(reported):
     for table in ("joints", "drives", "forces", "lubricants"):
         for name in getattr(scene, table):
             assert name in page.text
-    assert "fenics-ehd run scene.toml" in page.text
+    assert "fenics-ehd run source.toml" in page.text
     assert (reported / "scene.toml").read_text() in page.text
-    assert "SHA-256" in page.text
+    assert page.files == {"source.toml": (reported / "scene.toml").read_bytes()}
+    for file in ("scene.toml", "history.csv"):
+        assert hashlib.sha256((reported / file).read_bytes()).hexdigest() in page.text
     for version in ehd.load_history(reported).summary()["versions"].values():
         assert version in page.text
+
+
+@pytest.fixture(scope="module")
+def under_loads(tmp_path_factory):
+    """Folder of a short run of a journal under two loads, whose tables have the same name."""
+    folder = tmp_path_factory.mktemp("loads")
+    for name, factor in (("first", 1.0), ("second", 0.5)):
+        (folder / name).mkdir()
+        loads = ((0.0, 500.0), (1e-2, -500.0), (2e-2, 500.0))
+        rows = (f"{time},{factor * load},900" for time, load in loads)
+        (folder / name / "load.csv").write_text("\n".join(["time_s,Fx_N,Fy_N", *rows]))
+    changes = {
+        "forces.load.file": "first/load.csv",
+        "forces.more": {"kind": "time-table", "point": "journal", "file": "second/load.csv"},
+        "time": {"end": 2e-3, "tolerance": 1e-3, "largest_step": 0.1},
+    }
+    scene = write_scene(folder / "journal.toml", "loaded-journal", LOADED_JOURNAL, changes)
+    assert call("run", scene, "--no-plots", "--no-error-budget", "-o", folder / "run") == 0
+    return folder / "run"
+
+
+def test_the_page_alone_repeats_the_run(under_loads, no_pictures, tmp_path, monkeypatch):
+    """Scene and tables of the page, in an empty folder, give the same history and figures."""
+    assert report(under_loads) == 0
+    page = page_of(under_loads)
+    assert set(page.files) == {"journal.toml", "load.csv", "load-2.csv"}
+    for name, content in page.files.items():
+        assert hashlib.sha256(content).hexdigest() in page.text
+        assert content.decode() in page.text
+        (tmp_path / name).write_bytes(content)
+    assert str(under_loads.parent) not in page.text
+    monkeypatch.chdir(tmp_path)
+    (command,) = re.findall("fenics-ehd run (.*)", page.text)
+    assert call("run", *command.split(), "--no-plots") == 0
+    again = tmp_path / "again"
+    assert (again / "history.csv").read_bytes() == (under_loads / "history.csv").read_bytes()
+    first, second = (json.loads((f / "summary.json").read_text()) for f in (under_loads, again))
+    other = {*OF_THE_MACHINE, "inputs"}
+    assert {k: v for k, v in first.items() if k not in other} == {
+        k: v for k, v in second.items() if k not in other
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "warning"),
+    [
+        (lambda table: table.write_text(f"{table.read_text()}\n"), "changed after the run"),
+        (lambda table: table.unlink(), "not in this page: "),
+        (lambda table: table.write_bytes(b"#" * LARGEST + table.read_bytes()), "it has 2.0 MB"),
+    ],
+)
+def test_a_table_that_cannot_repeat_the_run_is_a_warning(
+    under_loads, no_pictures, tmp_path, change, warning
+):
+    folder = copytree(under_loads, tmp_path / "run")
+    table = tmp_path / "gas.csv"
+    table.write_text("angle_deg,force_N")
+    digest = hashlib.sha256(table.read_bytes()).hexdigest()
+    stored = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(
+        stored.replace(str(under_loads.parent / "second" / "load.csv"), str(table))
+    )
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps(summary | {"inputs": {"gas.csv": digest}}))
+    change(table)
+    assert report(folder) == 0
+    page = page_of(folder)
+    assert f"gas.csv: {warning}" in page.text or warning in page.text
+    assert ("gas.csv" in page.files) == (warning == "changed after the run")
 
 
 def test_the_page_is_the_same_every_time_and_its_run_replaces_it(reported):
@@ -142,8 +237,9 @@ def test_a_run_in_progress_has_a_page(reported, tmp_path):
 def test_a_run_of_0_3_and_a_run_of_python_have_a_page(no_pictures, tmp_path):
     former = copytree(FORMER, tmp_path / "former")
     assert report(former) == 0
-    summary = ehd.load_history(former).summary()
-    assert sorted(page_of(former).names) == sorted(full_names(summary))
+    history = ehd.load_history(former)
+    assert sorted(page_of(former).names + hidden(history)) == sorted(full_names(history.summary()))
+    assert "9.746 MPa ± 0.68 % in" in page_of(former).text  # the budget, without other errors
     own = tmp_path / "own"
     ehd.load_history(former).save(own)
     (own / "scene.toml").unlink(missing_ok=True)
@@ -181,13 +277,39 @@ def test_tables_have_every_figure_once(joints, errors, searched):
     summary = {"joints": entries, "steps": 5}
     found = []
     for block in figure_blocks(figures_of(summary), "crank", searched=searched):
-        for row in block.rows:
+        for row in (*block.rows, *block.zero):
             assert len(row.cells) == (len(block.heads) or 1)
             assert row.label
             for cell in filter(None, row.cells):
                 found += cell.names
                 found += [name for position in cell.positions for name in position.names]
     assert sorted(found) == sorted(full_names(summary))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error", "zero"),
+    [
+        ("mean_friction_torque_Nm", 0.31, 5e-4, False),
+        ("mean_friction_torque_Nm", 4e-4, 5e-4, True),  # within its error
+        ("cycle_mean_friction_torque_Nm", -4e-4, 5e-4, True),
+        ("mean_friction_torque_Nm", 1e-10, None, True),  # round-off of 0.5 N m
+        ("mean_friction_torque_Nm", 1e-8, None, False),
+        ("mean_contact_force_N", 1e-8, None, True),  # round-off of the load, not of the contact
+        ("mean_contact_share", 1e-12, None, True),
+        ("mean_contact_share", 1e-6, None, False),
+        ("max_contact_share", 1e-12, None, False),  # extremes are compared with nothing
+        ("max_contact_share", 0.0, None, True),
+        ("min_film_thickness_m", 1e-6, 2e-6, False),
+        ("orbit_1x_phase_deg", 0.0, 1.0, False),
+    ],
+)
+def test_a_mean_is_zero_within_its_error_or_round_off(name, value, error, zero):
+    columns = {
+        "friction_torque_Nm": np.array([-0.5, 0.1]),
+        "contact_force_N": np.array([2e-8, 0.0]),
+        "force_N": np.array([100.0, 50.0]),
+    }
+    assert is_zero(Figure("pin", name, value, error, ""), columns) == zero
 
 
 @given(st.floats(1e-12, 1e12), st.sampled_from([1.0, -1.0]))
@@ -210,7 +332,7 @@ def test_printed_units_have_the_factor_of_their_unit():
         (0.6, "m", "0.6 m"),
         (210e9, "Pa", "210 GPa"),
         (True, "", "yes"),
-        ((0.0, -9.81), "m/s2", "(0, -9.81) m/s2"),
+        ((0.0, -9.81), "m/s2", "(0, -9.81) m/s²"),
     ],
 )
 def test_settings_have_the_unit_that_fits(value, unit, text):

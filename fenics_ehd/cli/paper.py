@@ -1,14 +1,14 @@
-"""``fenics-ehd paper``: the figures of the paper by Krinner and Rixen.
+"""``fenics-ehd paper``: figures and statements of the paper by Krinner and Rixen.
 
 Imports inside functions: ``--help`` must work without runs and pictures, and quickly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -29,6 +29,7 @@ from fenics_ehd.cli.options import (
 if TYPE_CHECKING:  # the import is slow, and --help must be fast
     from fenics_ehd.study.compare import StudyFolder
     from fenics_ehd.study.paper import Estimate, PaperFigure
+    from fenics_ehd.study.report.paper_page import MachineResult
 
 
 @question("Do the figures of the paper by Krinner and Rixen come out?")
@@ -40,6 +41,10 @@ if TYPE_CHECKING:  # the import is slow, and --help must be fast
     metavar="NUMBERS",
     help="Numbers of the figures, 5,7 or 5-8,10 [default: all, 5 to 8, 10 and 11].",
 )
+@flag(
+    "--statements",
+    "Also compute the runs that only statements of the paper need, which belong to no figure.",
+)
 @workers_option
 @flag("--overwrite", "Discard the runs in the folder, and run all anew.")
 @no_cache_option
@@ -47,19 +52,29 @@ if TYPE_CHECKING:  # the import is slow, and --help must be fast
 def paper(
     directory: str | None,
     chosen: str | None,
+    statements: bool,
     workers: int | None,
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Compute and draw figures 5 to 8, 10 and 11 of the paper.
+    """Compute and draw figures 5 to 8, 10 and 11 of the paper, and judge its statements.
 
     Figures 5 to 8 are of the slider-crank with a flexible rod, figures 10 and 11 of the rotor in a
-    flexible housing. Estimates of the time are printed first. Runs in the folder that are already
-    complete are not computed again.
+    flexible housing. Estimates of the time are printed first; then, for each figure, the errors and
+    run times of its methods, and a verdict on each statement of the paper about the figure. The
+    folder has the figures, the same results in paper.csv and paper.json, and on the page
+    report.html. Runs in the folder that are already complete are not computed again.
     """
     from fenics_ehd.study.compare import StudyFolder, run_study
-    from fenics_ehd.study.paper import FIGURES, needed_runs, paper_study, parse_figures
+    from fenics_ehd.study.paper import (
+        FIGURES,
+        has_statement_runs,
+        needed_runs,
+        paper_study,
+        parse_figures,
+    )
     from fenics_ehd.study.pool import open_pool
+    from fenics_ehd.study.report.paper_page import document, write_paper_page
 
     figures = [FIGURES[n] for n in (parse_figures(chosen) if chosen else FIGURES)]
     target = Path(directory or Path("results") / "paper")
@@ -67,32 +82,44 @@ def paper(
     claim(target, [], "paper")
     with open_pool(workers) as pool, ExitStack() as held:
         folders = {}
+        runs = {}
         for scene in dict.fromkeys(figure.scene for figure in figures):
-            folder = StudyFolder(target / scene, paper_study(scene), overwrite=overwrite)
+            with_all = statements or has_statement_runs(target / scene, scene)
+            study = paper_study(scene, statements=with_all)
+            runs[scene] = tuple(study.cases) if statements else needed_runs(figures, scene)
+            folder = StudyFolder(target / scene, study, overwrite=overwrite)
             folders[scene] = held.enter_context(folder)
             folder.take_stock()
-        _print_estimates(figures, folders)
-        entries = []
+        _print_estimates(figures, folders, runs)
+        machines = []
         for scene, folder in folders.items():
-            names = needed_runs(figures, scene)
-            run_study(folder, pool, names=names, progress=shown_progress(logs=True))
-            entries += [_drawn(each, folder, target) for each in figures if each.scene == scene]
-    rows = [["figure", "file", "contents"]]
-    rows += [[str(e["figure"]), (e["files"] or ["-"])[0], e["caption"]] for e in entries]
-    text = "\n".join(aligned(rows, (1, 2)))
-    answer({"directory": str(target), "figures": entries}, text, as_json)
-    _require_complete(entries)
+            run_study(folder, pool, names=runs[scene], progress=shown_progress(logs=True))
+            machines = write_paper_page(target)
+            if not as_json:
+                of_scene = [machine for machine in machines if machine.scene == scene]
+                echo("\n".join(_lines(of_scene, figures, target)))
+    machines = [machine for machine in machines if machine.scene in folders]
+    text = "\n".join(_last_lines(machines, target, statements))
+    answer({"directory": str(target), **document(machines, target)}, text, as_json)
+    _require_complete(machines, figures)
 
 
-def _print_estimates(figures: Sequence[PaperFigure], folders: Mapping[str, StudyFolder]) -> None:
-    """Print to standard error how many runs each figure still needs, and their estimated time."""
-    from fenics_ehd.study.paper import estimate, needed_runs, sum_of
+def _print_estimates(
+    figures: Sequence[PaperFigure],
+    folders: Mapping[str, StudyFolder],
+    runs: Mapping[str, Sequence[str]],
+) -> None:
+    """Print to standard error how many runs each figure still needs, and their estimated time.
+
+    `runs` are the names of all runs to be computed, by scene; the last line has their sums.
+    """
+    from fenics_ehd.study.paper import estimate, sum_of
 
     rows = [["figure", "runs", "complete", "to come"]]
     for figure in figures:
         each = estimate(folders[figure.scene], figure.runs)
         rows.append([str(figure.number), *_counts(each)])
-    sums = [estimate(folders[scene], needed_runs(figures, scene)) for scene in folders]
+    sums = [estimate(folders[scene], names) for scene, names in runs.items()]
     rows.append(["all", *_counts(sum_of(sums))])
     for line in aligned(rows):
         echo(line, err=True)
@@ -111,25 +138,48 @@ def _estimate(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
-def _drawn(figure: PaperFigure, folder: StudyFolder, target: Path) -> dict[str, Any]:
-    """Draw a figure from the runs in a folder; entry of the result for it."""
-    from fenics_ehd.multibody.verdict import COMPLETE
-    from fenics_ehd.study.report.paper_figures import write_figure
-    from fenics_ehd.study.report.study_data import read_study
+def _lines(
+    machines: Sequence[MachineResult], figures: Sequence[PaperFigure], target: Path
+) -> Iterator[str]:
+    """Yield the printed lines on the figures of machines: runs, errors, times, and statements."""
+    from fenics_ehd.study.report.paper_page import NOTE, statement_lines
 
-    files = write_figure(figure, read_study(folder.path), target)
-    statuses = {name: folder.status(name) for name in figure.runs}
-    return {
-        "figure": figure.number,
-        "scene": figure.scene,
-        "caption": figure.caption,
-        "files": [str(path) for path in files],
-        "runs": [str(folder.run(name)) for name in figure.runs],
-        "failed": {name: status for name, status in statuses.items() if status != COMPLETE},
-    }
+    for machine in machines:
+        for result in machine.figures:
+            if result.figure not in figures:
+                continue
+            file = target / f"{result.figure.name}.png"
+            drawn = f": {file}" if file.is_file() else ""
+            yield f"figure {result.figure.number}, {result.figure.caption}{drawn}"
+            table = result.table()
+            yield from aligned([table.heads, *table.rows], indent="  ")
+            yield from statement_lines(result.statements)
+            yield ""
+        yield f"{machine.scene}, statements that belong to no figure"
+        yield from statement_lines(machine.others)
+        if machine.own_error:
+            yield f"reference's own errors: {machine.own_error} (pressure / film)"
+        yield ""
+    yield NOTE
 
 
-def _require_complete(entries: Sequence[Mapping[str, Any]]) -> None:
+def _last_lines(machines: Sequence[MachineResult], target: Path, statements: bool) -> Iterator[str]:
+    """Yield the last printed lines: numbers of verdicts, files, and how to judge the rest."""
+    from fenics_ehd.study.report.paper_page import (
+        PAGE_NAME,
+        RESULTS_NAME,
+        TABLE_NAME,
+        undecided,
+        verdict_counts,
+    )
+
+    yield f"verdicts on the statements of the paper: {verdict_counts(machines)}"
+    if not statements and undecided(machines):
+        yield "more runs decide more statements: repeat the command with --statements"
+    yield f"page {target / PAGE_NAME}, results in {TABLE_NAME} and {RESULTS_NAME}"
+
+
+def _require_complete(machines: Sequence[MachineResult], figures: Sequence[PaperFigure]) -> None:
     """Fail if a run of a figure failed.
 
     Raises
@@ -139,14 +189,14 @@ def _require_complete(entries: Sequence[Mapping[str, Any]]) -> None:
     """
     from fenics_ehd.study.pool import FailedCasesError
 
-    failures = {
-        f"{entry['scene']}/{name}": why
-        for entry in entries
-        for name, why in entry["failed"].items()
-    }
+    failures: dict[str, str] = {}
+    for result in (result for machine in machines for result in machine.figures):
+        if result.figure in figures:
+            scene = result.figure.scene
+            failures |= {f"{scene}/{name}": status for name, status in result.failed.items()}
     if failures:
-        name, why = next(iter(failures.items()))
+        name, status = next(iter(failures.items()))
         raise FailedCasesError(
-            f"{len(failures)} runs failed, the first is {name}: {why}: the same command runs them "
-            "again"
+            f"{len(failures)} runs failed, the first is {name}: {status}: the same command runs "
+            "them again"
         )

@@ -162,6 +162,12 @@ def _span(summary: Mapping[str, Any]) -> str:
     return "cycle" if cycle is None or cycle.complete or cycle.periodic else "run"
 
 
+def _clock(summary: Mapping[str, Any]) -> str:
+    """Word for the span from whose start times of extremes are counted: ``cycle`` or ``run``."""
+    cycle = Cycle.of_summary(summary)
+    return "cycle" if cycle is not None and cycle.periodic else "run"
+
+
 def say_next(search: Search) -> None:
     """Print the largest error of the last run, and the settings that change for the next run.
 
@@ -413,9 +419,9 @@ FACTORS = {"m3_per_s": 1e6, "_time_s": 1e3, "_height_m": 1e3, "_Pa": 1e-6, "_m":
 #: text of a value's error, `bound`, follows its unit (`VALUE`).
 JOINT_LINES = {
     "max_pressure_Pa": "    peak pressure (POFP)    {max_pressure_Pa:9.3f} MPa {pressure_error}at "
-    "{max_pressure_time_s:.3f} ms",
+    "{max_pressure_time_s:.3f} ms of the {clock}",
     "min_film_thickness_m": "    minimum film (MOFT)     {min_film_thickness_m:9.4f} um  "
-    "{film_error}at {min_film_thickness_time_s:.3f} ms",
+    "{film_error}at {min_film_thickness_time_s:.3f} ms of the {clock}",
     "basis_error_estimate_m": "    basis error estimate    {basis_error_estimate_m:9.4f} um  of gap"
     "{large}",
     "mean_friction_power_W": "    friction power loss     {mean_friction_power_W:9.3f} W   "
@@ -479,7 +485,9 @@ def bound_texts(joint: Mapping[str, Any]) -> Mapping[str, str]:
     return texts
 
 
-def joint_lines(joint: Mapping[str, Any], span: str = "cycle", body: str = CRANK) -> list[str]:
+def joint_lines(
+    joint: Mapping[str, Any], span: str = "cycle", body: str = CRANK, clock: str = "cycle"
+) -> list[str]:
     """Printed lines of the results of a joint, the flows last.
 
     Parameters
@@ -490,6 +498,9 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle", body: str = CRANK
         Word for the time span of the results: ``cycle`` or ``run``.
     body
         Name of the body whose angle is the reference angle.
+    clock
+        Word for the span from whose start times are counted: ``cycle`` in a search for a periodic
+        solution, else ``run``.
     """
     figures = {}
     for key, value in joint.items():
@@ -503,6 +514,7 @@ def joint_lines(joint: Mapping[str, Any], span: str = "cycle", body: str = CRANK
     words: dict[str, Any] = {
         "bound": bounds,
         "span": span,
+        "clock": clock,
         "body": body,
         "pressure_error": error_text(joint, "max_pressure", pressure, "MPa"),
         "film_error": error_text(joint, "min_film_thickness", film, "um"),
@@ -535,7 +547,9 @@ def report(summary: Mapping[str, Any], directory: Path, seconds: float | None = 
     for name, joint in joints.items():
         lines += [
             f"  {name}",
-            *joint_lines(joint, _span(summary), summary.get("reference_body") or CRANK),
+            *joint_lines(
+                joint, _span(summary), summary.get("reference_body") or CRANK, _clock(summary)
+            ),
         ]
     lines += budget_table(joints, summary) + accuracy_lines(summary)
     prefix = "the cycle: " if _span(summary) == "cycle" else ""

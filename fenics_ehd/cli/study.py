@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.files import require_kept, require_made_by
+from fenics_ehd.base.files import made_by, require_kept, require_made_by
 from fenics_ehd.base.needs import no_effect
 from fenics_ehd.base.progress import shown_progress
 from fenics_ehd.base.renamed import renamed_message
@@ -73,12 +73,13 @@ def _shortened(status: str) -> str:
 @click.command()
 @click.argument("directory", type=FOLDER)
 def report(directory: str) -> None:
-    """Write the report of the run or study in DIRECTORY.
+    """Write the report of the run or study, or of the paper's figures, in DIRECTORY.
 
     The report of a run is one page, report.html, which prints on two sheets: all figures with their
     estimated errors, warnings, the scene in words, the pictures that decide, and how to repeat the
     run. That of a study is report.html, report.md and figures/; 'study' writes it at its end. A run
-    or study that is in progress or was stopped is reported as far as it is complete.
+    or study that is in progress or was stopped is reported as far as it is complete. In the folder
+    of 'paper', all figures whose runs have ended are drawn again, with the page report.html.
     """
     from fenics_ehd.multibody.history import FIELDS_NAME
 
@@ -86,6 +87,11 @@ def report(directory: str) -> None:
         from fenics_ehd.study.report.run_page import write_run_page
 
         echo(write_run_page(directory))
+    elif made_by(Path(directory)) == "paper":
+        from fenics_ehd.study.report.paper_page import PAGE_NAME, write_paper_page
+
+        write_paper_page(directory)
+        echo(Path(directory) / PAGE_NAME)
     else:
         from fenics_ehd.study.report.study_data import require_study
 

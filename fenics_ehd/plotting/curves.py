@@ -15,7 +15,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
-from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 
 from fenics_ehd.plotting.picture import (
@@ -174,7 +173,12 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
         if panel.extreme is not None:
             known = np.flatnonzero(np.isfinite(y))  # some steps have no error estimate
             extreme = known[panel.extreme(y[known])]
-            point = _between_steps(joint, panel, over) or (x[extreme], y[extreme])
+            point = x[extreme], y[extreme]
+            # The extreme of a difference is not in a summary.
+            if panel.extreme in (np.argmax, np.argmin):
+                position, of_summary = joint.extreme(column, over) or (point[0], None)
+                if of_summary is not None:
+                    point = position, factor_of(panel.label) * of_summary
             axes.plot(*point, "o", color=look["color"], markersize=5, zorder=4)
             value = with_unit(point[1], panel.label)
             if (errors := _reported_errors(joint, panel.budget)) is not None:
@@ -187,9 +191,7 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
                 )
             figures.append(f"{value} at {position_label(point[0], over)}")
         if panel.mean:
-            average = factor_of(panel.label) * float(
-                mean(joint.columns[column], joint.columns[TIME])
-            )
+            average = factor_of(panel.label) * joint.mean(column)
             axes.axhline(average, color=look["color"], linewidth=0.8, alpha=0.7, zorder=1)
             figures.append(f"mean {with_unit(average, panel.label)}")
         parts = ", ".join(filter(None, (name_among(joint, joints), called)))
@@ -199,18 +201,6 @@ def draw_panel(axes: Axes, joints: Sequence[ShownJoint], panel: Panel) -> None:
         axes.plot(x, y, label=label or None, **look)
         drawn.append((x, y))
     _lay_out(axes, joints, panel, over, drawn)
-
-
-def _between_steps(joint: ShownJoint, panel: Panel, over: str) -> tuple[float, float] | None:
-    """Position and value of a cycle extreme in the summary, interpolated between the steps.
-
-    The result is None if the panel has no error budget, or the summary has no such extreme.
-    """
-    if not panel.budget or over != ANGLE:
-        return None
-    (column,) = panel.columns
-    extreme = joint.cycle_extreme(column)
-    return extreme and (extreme[0], factor_of(panel.label) * extreme[1])
 
 
 def name_among(joint: ShownJoint, joints: Sequence[ShownJoint]) -> str:
@@ -233,11 +223,6 @@ def _reported_errors(joint: ShownJoint, quantity: str) -> tuple[float, float] | 
         return None
     errors = budget[quantity]["total"], budget["largest_over_cycle"][quantity]["total"]
     return None if any(isinstance(error, str) for error in errors) else errors
-
-
-def mean(values: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Mean over time of values at all instants, shape (t, ...)."""
-    return trapezoid(values, time, axis=0) / np.ptp(time) if len(time) > 1 else values[0]
 
 
 def position_label(x: float, over: str) -> str:
@@ -276,7 +261,8 @@ def _lay_out(
     """Set limits, ticks, labels and legend of a panel."""
     axes.set_ylabel("\n".join(fill(line, LABEL_WIDTH) for line in panel.label.splitlines()))
     label = "".join(f", {joint.run.label}" for joint in joints[:1] if joint.run.label)
-    axes.set_xlabel((f"{joints[0].run.angle_name} [°]" if over == ANGLE else "time [ms]") + label)
+    run = joints[0].run
+    axes.set_xlabel((f"{run.angle_name} [°]" if over == ANGLE else f"{run.time_name} [ms]") + label)
     known = np.concatenate([x for x, _ in curves])  # errors may be unknown at the ends
     axes.set_xlim(known.min(), known.max() if np.ptp(known) else None)
     axes.xaxis.set_major_locator(MultipleLocator(span(over, joints)))
@@ -425,12 +411,22 @@ class Paths:
         angles = np.arange(0, 360, 45)
         axes.set_thetagrids(angles, [f"{(angle + 179) % 360 - 179}°" for angle in angles])
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
-        # The circles are labelled between two spokes, opposite to the mean of the curves.
-        away = np.degrees(np.angle(-sum(vector.mean() for _, vector in curves)))
-        axes.set_rlabel_position(45.0 * np.floor(away / 45.0) + 22.5)
+        axes.set_rlabel_position(_emptiest([vector for _, vector in curves], largest))
         axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
         axes.set_xlabel(f"{self.label},\nangles from the x axis of the bore's body")
         legend(axes, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2, frameon=False)
+
+
+def _emptiest(vectors: Sequence[np.ndarray], largest: float) -> float:
+    """Direction between two spokes of a polar diagram that is farthest from all curves [degrees].
+
+    `vectors` are the curves, shape (t,) each; `largest` is the radius of the diagram.
+    """
+    directions = np.arange(22.5, 360.0, 45.0)
+    radii = np.linspace(0.2, 1.0, 9) * largest  # labels of circles are not at the centre
+    rays = np.exp(1j * np.radians(directions))[:, None, None] * radii[:, None]
+    distances = np.abs(rays - np.concatenate(vectors)).min(axis=(1, 2))
+    return float(directions[np.argmax(distances)])
 
 
 def orbit(columns: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,7 +16,8 @@ from matplotlib.ticker import MaxNLocator
 
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.grid import FilmGrid
-from fenics_ehd.plotting.curves import Rows, common_axis, mean, position_label, pressure_and_film
+from fenics_ehd.multibody.summary import extreme_step
+from fenics_ehd.plotting.curves import Rows, common_axis, position_label, pressure_and_film
 from fenics_ehd.plotting.picture import (
     BLUE,
     PANEL,
@@ -29,7 +30,7 @@ from fenics_ehd.plotting.picture import (
     save,
     with_unit,
 )
-from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint
+from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint, mean
 
 if TYPE_CHECKING:
     from fenics_ehd.analysis.bearing import BearingResult
@@ -120,7 +121,7 @@ class Map:
             return raster
         column, angle, height = (joint.columns[name] for name in self.marked)
         step = column.argmin() if self.extreme is np.min else column.argmax()
-        _, value = joint.cycle_extreme(self.marked[0]) or (0.0, column[step])
+        _, value = joint.extreme(self.marked[0], TIME) or (0.0, column[step])
         mark = factor * value, angle[step], 1e3 * height[step]
         return raster._replace(mark=mark)
 
@@ -189,7 +190,8 @@ def draw_raster(axes: Axes, raster: Raster, levels: np.ndarray, label: str, colo
     if np.ptp(values):
         axes.contour(angle, height, values, levels[1:], colors="0.2", linewidths=0.4)
     axes.plot(where, z, "o", markerfacecolor="white", markeredgecolor="black", clip_on=False)
-    position = f"at {where:.0f}°, z = {z + 0.0:.3g} mm"
+    decimals = max(0, 4 - int(np.ceil(np.log10(np.ptp(height)))))  # a ten-thousandth of the width
+    position = f"at {where:.0f}°, z = {round(z, decimals) + 0.0:g} mm"
     axes.set_title(f"{with_unit(value, label)} {position}", loc="right")
     axes.set_title(title, loc="left", fontweight="bold")
     axes.set(ylabel="z [mm]", xticks=np.arange(-180, 181, 45))
@@ -225,6 +227,10 @@ ANGLES = np.linspace(-np.pi, np.pi, 361)
 NORMALS = np.array([np.cos(ANGLES), np.sin(ANGLES)])
 
 
+#: Instants of which the bore is drawn: names, by the column with the extreme.
+INSTANTS = {"max_pressure_Pa": "peak pressure", "min_film_thickness_m": "minimum film"}
+
+
 @dataclass(frozen=True)
 class Bores:
     """Bore, journal and pressure at the instants of peak pressure and of minimum film.
@@ -246,15 +252,14 @@ class Bores:
         )  # fmt: skip
         for pair, (title, joint, joints) in zip(panels, cells, strict=True):
             name = _title(title, joint, len(joints))
-            steps = {
-                "peak pressure": int(joint.columns["max_pressure_Pa"].argmax()),
-                "minimum film": int(joint.columns["min_film_thickness_m"].argmin()),
-            }
-            scale = _scale(joint, list(steps.values()))
-            for axes, (instant, step) in zip(pair, steps.items(), strict=True):
+            steps = [extreme_step(column, joint.columns[column]) for column in INSTANTS]
+            scale = _scale(joint, steps)
+            for axes, (column, instant), step in zip(pair, INSTANTS.items(), steps, strict=True):
                 over = common_axis([joint])
                 now = joint.columns[over][step] * (1.0 if over == ANGLE else 1e3)
-                _draw(axes, joint, step, scale)
+                values = {other: joint.columns[other][step] for other in INSTANTS}
+                now, values[column] = joint.extreme(column, over) or (now, values[column])
+                _draw(axes, joint, step, scale, values)
                 title = (
                     f"{instant}, {position_label(now, over)}\nclearance and deformation × {scale:g}"
                 )
@@ -313,13 +318,15 @@ def round_scale(largest: float) -> float:
     return float(max(1.0, power * np.floor(largest / power * (1 + 1e-9))))
 
 
-def _draw(axes: Axes, joint: ShownJoint, step: int, scale: float) -> None:
+def _draw(
+    axes: Axes, joint: ShownJoint, step: int, scale: float, values: Mapping[str, float]
+) -> None:
+    """Draw the bore at a step; `values` has peak pressure and minimum film for the legend."""
     film = joint.film
-    columns = joint.columns
     gap, pressure, position = profile(joint, step)
     labels = (
-        f"pressure, up to {1e-6 * columns['max_pressure_Pa'][step]:.4g} MPa",
-        f"thinnest, {1e6 * columns['min_film_thickness_m'][step]:.4g} µm",
+        f"pressure, up to {1e-6 * values['max_pressure_Pa']:.4g} MPa",
+        f"thinnest, {1e6 * values['min_film_thickness_m']:.4g} µm",
     )
     share = pressure / (film.pressure.max() or 1.0)
     enlarged = scale / film.radius

@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.integrate import trapezoid
 
+from fenics_ehd.base.columns import split_unit
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import ERROR_BUDGET, read_json
 from fenics_ehd.base.sealed_file import named
@@ -20,7 +22,7 @@ from fenics_ehd.film.grid import FilmGrid
 from fenics_ehd.multibody.cycle import CRANK, TURN_ROUNDING, angle_before, angle_name
 from fenics_ehd.multibody.history import History, load_history
 from fenics_ehd.multibody.recorded_quantities import FilmResult
-from fenics_ehd.multibody.summary import EXTREMES
+from fenics_ehd.multibody.summary import EXTREMES, extreme_of
 from fenics_ehd.results.motion import RecordedMotion
 from fenics_ehd.results.recorded_run import SCENE_NAME
 from fenics_ehd.scenes.run import stored_scene
@@ -100,8 +102,12 @@ class ShownRun:
         Words for the reference angle, ``"crank angle"`` or ``"angle of the shaft"``.
     starts
         Whether the cycle is the first of the run, in which the films build up.
+    time_name
+        Words for `time`: ``"time in the cycle"``, or ``"time"`` if the cycle is the complete run.
     figures
-        Results of every joint for this cycle in the summary, by the name of the joint.
+        Results of every joint in the summary, by the name of the joint.
+    current
+        Whether figures without the prefix ``cycle_`` are those of the cycle that is shown.
     label
         Label of an incomplete cycle for the horizontal axis; empty for a complete cycle.
 
@@ -129,6 +135,8 @@ class ShownRun:
         rows = cycle.rows(np.asarray(time))
         first = rows.start
         behind = rows.stop
+        self.time_name = "time in the cycle" if cycle.periodic or start > 0.0 else "time"
+        self.current = behind == len(time) and (cycle.periodic or start <= 0.0)
         if first:
             # The cycle starts between two steps.
             last = first - 1
@@ -255,18 +263,40 @@ class ShownJoint:
         """Angle of the journal's body, see `ShownRun.journal_angle`."""
         return self.run.journal_angle(self.name)
 
-    def cycle_extreme(self, column: str) -> tuple[float, float] | None:
-        """Reference angle [degrees] and value of a cycle extreme, interpolated between the steps.
+    def extreme(self, column: str, over: str) -> tuple[float, float] | None:
+        """Position on the axis `over` [degrees] or [ms] and value of an extreme of a column.
 
-        They are those of the summary, by the name of the column. The result is None if the summary
-        does not have the extreme.
+        The value is that of the summary, interpolated between the steps. The result is None if the
+        summary does not have the extreme.
         """
         figures = self.run.figures.get(self.name, {})
-        name = next((name for name, source, _, _ in EXTREMES if source == column), "")
-        keys = (f"cycle_{name}_crank_angle_deg", f"cycle_{column}")
-        if not all(key in figures for key in keys):
+        name, prefix = next(
+            ((name, prefix) for name, source, prefix, _ in EXTREMES if source == column), ("", "")
+        )
+        value = figures.get(f"cycle_{prefix}{column}")
+        if value is None and self.run.current:
+            value = figures.get(column)
+        if not isinstance(value, int | float):
             return None
-        return figures[keys[0]], figures[keys[1]]
+        angle = figures.get(f"cycle_{name}_crank_angle_deg")
+        if over == ANGLE and angle is not None:
+            return angle, value
+        time = figures.get(f"{split_unit(column)[0]}_time_s") if self.run.current else None
+        if time is None:
+            _, time = extreme_of(column, self.columns[TIME], self.columns[column], None)
+        if over == TIME:
+            return 1e3 * time, value
+        return float(np.interp(time, self.columns[TIME], self.columns[ANGLE])), value
+
+    def mean(self, column: str) -> float:
+        """Mean of a column over the cycle: that of the summary, else that of the shown steps."""
+        figures = self.run.figures.get(self.name, {})
+        value = figures.get(f"cycle_mean_{column}")
+        if value is None and self.run.current:
+            value = figures.get(f"mean_{column}")
+        if isinstance(value, int | float):
+            return float(value)
+        return float(mean(self.columns[column], self.columns[TIME]))
 
     @cached_property
     def film(self) -> FilmResult:
@@ -290,6 +320,11 @@ class ShownJoint:
         assert surfaces is not None
         gap = np.asarray(self.film.gap)
         return np.where(binding.film.film.supplied_nodes, 0.0, surfaces.contact(gap).pressure)
+
+
+def mean(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Mean over time of values at all instants, shape (t, ...)."""
+    return trapezoid(values, time, axis=0) / np.ptp(time) if len(time) > 1 else values[0]
 
 
 def film_grid(film: FilmResult) -> FilmGrid:

@@ -23,7 +23,7 @@ from fenics_ehd.base.errors import SettingsError, SolverError, VerificationError
 from fenics_ehd.base.petsc_options import configure
 from fenics_ehd.base.processes import in_neutral_folder
 from fenics_ehd.base.progress import Stage
-from fenics_ehd.reduction.matrices import MassOperator, column_vectors, combine, inner, multiply
+from fenics_ehd.reduction.matrices import MassOperator, column_vectors, combine, inner
 from fenics_ehd.reduction.static import StaticSolver, Work
 from fenics_ehd.reduction.structure import Structure
 
@@ -260,7 +260,7 @@ def _verify(flexibility: Flexibility, eigenvalues: np.ndarray, modes: np.ndarray
     """
     structure = flexibility.structure
     inertia = flexibility.mass.multiply(modes) * eigenvalues
-    defect = flexibility.without_reactions(multiply(structure.stiffness, modes) - inertia)
+    defect = flexibility.without_reactions(flexibility.elastic_forces(modes) - inertia)
     norms = np.sqrt([structure.comm.allreduce(np.sum(a**2, axis=0)) for a in (defect, inertia)])
     worst = np.max(norms[0] / norms[1])
     if not worst <= RESIDUAL_TOLERANCE:
@@ -406,6 +406,10 @@ class FixedBoundary:
         if rigid.shape[1]:
             response += combine(rigid, motion)
         return response
+
+    def elastic_forces(self, columns: np.ndarray) -> np.ndarray:
+        """Elastic forces ``K x`` of displacements x, see `StaticSolver.elastic_forces`."""
+        return self._support.elastic_forces(columns)
 
     def constraint_modes(self, prescribed: np.ndarray) -> np.ndarray:
         """Static modes of (19): displacements under reactions alone, with prescribed ``C^T x``.

@@ -184,7 +184,7 @@ def boundary_basis(
     structure = reductor.structure
     points = reductor.points
     columns = np.asfortranarray(np.hstack([modes, constraint_modes]))
-    stiffness, mass = gram_matrices(structure, reductor.mass, columns)
+    stiffness, mass = gram_matrices(reductor.static, columns)
     n = modes.shape[1]
     comm = structure.comm
     scale = np.sqrt(np.diag(stiffness))
@@ -339,7 +339,7 @@ def _first_step(reductor: Reductor, n_interior_modes: int) -> FirstStep:
     p = 3 * len(nodes)
     stiffness = np.zeros((o + p,) * 2)
     mass = np.zeros((o + p,) * 2)
-    stiffness[:o, :o], mass[:o, :o] = gram_matrices(structure, reductor.mass, others)
+    stiffness[:o, :o], mass[:o, :o] = gram_matrices(interior, others)
     stiffness[o:, n_interior_modes:o] = bore.forces(boundary_modes)
     for part in blocks(p, len(modes), comm):
         bore_modes = bore.static_modes(support, np.eye(p, part.stop - part.start, -part.start))

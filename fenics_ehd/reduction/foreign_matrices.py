@@ -48,7 +48,7 @@ from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
 from fenics_ehd.reduction.matrices import reorder, require_matrix_market
-from fenics_ehd.reduction.matrix_check import MatrixCheck, check_matrices
+from fenics_ehd.reduction.matrix_check import MatrixCheck, check_matrices, decimal_digits
 
 #: Diagonal entry of K over their median above which the degree of freedom counts as held by a
 #: penalty: the stiffness of the part is then lost in round-off.
@@ -76,11 +76,14 @@ class ForeignMatrices(Described):
         SciPy matrices K and M, shape (3 n, 3 n), in the units of the other program.
     numbers
         Number that every node has in the other program, shape (n,).
+    digits
+        Digits of K in its file, if K was rotated since; None if they can be counted in its values.
     """
 
     stiffness: sparse.csr_matrix
     mass: sparse.csr_matrix
     numbers: np.ndarray
+    digits: int | None = None
 
     def indices(self, numbers: ArrayLike) -> np.ndarray:
         """Indices of nodes, for an array of their numbers in the other program.
@@ -103,13 +106,17 @@ class ForeignMatrices(Described):
 
         `coordinates` have shape (n, 3) [m].
         """
-        return check_matrices(self.stiffness, self.mass, coordinates)
+        return check_matrices(self.stiffness, self.mass, coordinates, digits=self.digits)
 
     def turned(self, turn: ArrayLike) -> ForeignMatrices:
-        """Matrices of the rotated part: `turn`, shape (3, 3), maps points x to ``turn @ x``."""
+        """Matrices of the rotated part: `turn`, shape (3, 3), maps points x to ``turn @ x``.
+
+        The digits of K cannot be counted in the result; its attribute `digits` has them.
+        """
         rotation = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
         k, m = ((rotation @ matrix @ rotation.T).tocsr() for matrix in (self.stiffness, self.mass))
-        return ForeignMatrices(k, m, self.numbers)
+        digits = self.digits or decimal_digits(self.stiffness.data)
+        return ForeignMatrices(k, m, self.numbers, digits)
 
 
 def read_calculix(job: str | Path, numbers: ArrayLike | None = None) -> ForeignMatrices:

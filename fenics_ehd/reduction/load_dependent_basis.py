@@ -485,7 +485,7 @@ def dual_basis(
     exactness = np.abs(missing).max(initial=0.0) / max(np.diag(exact).max(initial=0.0), 1e-300)
     columns = np.asfortranarray(np.hstack([modes, columns]))
     frequencies = np.concatenate([angular, static])
-    stiffness, mass = gram_matrices(solver.structure, solver.mass, columns)
+    stiffness, mass = gram_matrices(solver, columns)
     identity = np.eye(len(mass))
     scaled = stiffness / np.outer(frequencies, frequencies)
     moved = inner(solver.mass.multiply(solver.rigid_modes), columns, solver.structure.comm)
@@ -510,7 +510,7 @@ def dual_basis(
 def _diagonalise(responses: StaticResponses, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Combine columns to mass-orthonormal modes; return modes and angular frequencies [rad/s]."""
     solver = responses.solver
-    stiffness, mass = gram_matrices(solver.structure, solver.mass, columns)
+    stiffness, mass = gram_matrices(solver, columns)
     values, combinations = lowest_first(stiffness, mass)
     return combine(columns, combinations / np.sqrt(values)), 1.0 / np.sqrt(values)
 

@@ -1,10 +1,24 @@
-"""Check of the matrices of a part from another program: order of nodes, units, mass.
+"""Checks of the matrices of a part: symmetry, rigid motions, order of nodes, units, digits.
+
+`require_matrices` checks distributed matrices before a reduction (`check_structure`).
+`check_matrices` makes the same checks of matrices of another program, and reports mass, centre,
+digits and units.
 
 A free part has no elastic forces in a rigid motion: ``K R = 0`` with the columns of R the unit
 translations and rotations about the coordinates' origin. If coordinates and matrices have different
 orders of nodes, translations remain without force, but not rotations. Forces in a translation are
 those of a part that is held, or of damaged rows: the check cannot distinguish them. M gives mass
 and centre by the same motions, ``R^T M R``.
+
+Values that a file has rounded to d digits differ from those of the program by at most
+``u |K_ij|``, ``u = 0.5 10^(1 - d)``, since d digits of a number begin with a digit of 1 to 9.
+The forces in a rigid motion are then, in every row,
+
+    |K R| <= u |K| |R|.
+
+The bound cannot be exceeded by rounding; forces above it have another cause. It is not pessimistic:
+on rings of hexahedra that were rounded to 6 to 14 digits, the largest forces were 0.25 to 0.5 of
+it. Forces within the bound are accepted, others count as those of damaged values.
 
 Two estimates show units that do not belong together. The speed of elastic waves follows from the
 mean stiffness and mass of a node and from the distance h to the nearest node,
@@ -16,36 +30,93 @@ and the mean density in the convex hull of the nodes from the mass. In SI units 
 Matrices in N, mm and t have the same ``tr K / tr M`` in 1/s^2 as in SI units: with coordinates in
 mm, c is 1000 times too large; with coordinates in m, the density is 1000 times too small.
 
-Imports inside functions: scipy.spatial is needed only for a check.
+Imports inside functions: scipy.spatial is needed only for a report.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
+from typing import Any
 
+import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import ArrayLike
-from scipy import sparse
+from petsc4py import PETSc
 
 from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
+from fenics_ehd.base.petsc_options import configured
 from fenics_ehd.reduction.bore import rigid_fields
+from fenics_ehd.reduction.matrices import agree, as_matrix, inner, multiply, norm
 
-#: Largest elastic force in a rigid motion, relative to the largest sum of absolute entries in a
-#: row of K times the largest displacement. Text files with 10 digits have 1e-10, with a wrong
-#: order of nodes it is above 1e-2.
+#: Largest strain energy of a rigid motion of a free part, relative to the energy of the same nodal
+#: displacements with the diagonal of K.
+FREE_TOLERANCE = 1e-9
+
+#: Strain energy above which every rigid motion of a clamped part counts as held, relative to the
+#: energy with the diagonal of K.
+HELD = 1e-12
+
+#: Largest elastic force in a rigid motion of a free part, relative to the terms ``|K| |R|`` that
+#: cancel. Two nodes in the wrong order cause 1e-2.
 RIGID_LIMIT = 1e-6
 
-#: Largest difference between the masses along x, y and z, relative to the largest. Files with 7
-#: digits have 1e-7.
+#: Elastic forces in rigid motions, relative to the terms that cancel, below which K counts as free
+#: of rounding. Assembled matrices have 1e-15, files with 12 digits 1e-12.
+ROUND_OFF_FORCES = 1e-13
+
+#: Fewest digits of K with which forces in rigid motions are accepted as those of rounding; single
+#: precision has 7. With fewer, stiffness and frequencies would be wrong by per cents.
+FEWEST_DIGITS = 7
+
+#: Rounding above which values count as simple numbers, not as rounded ones (4 digits).
+_SIMPLE = 1e-3
+
+#: Energy of a rigid motion above which it is not that of rounding, relative to the energy with the
+#: diagonal of K: rounding to 5 digits causes 5e-5 at most.
+_ROUNDED_ENERGY = 1e-4
+
+#: Most digits that `decimal_digits` counts. A conversion by a power of ten changes the 16th digit.
+MOST_DIGITS = 14
+
+#: Number of values of a rank in which digits are counted.
+_SAMPLE = 2000
+
+#: Factor of the bound of forces for digits that were stated, not counted: a rotation of a node's
+#: directions mixes three entries, and its rows have absolute sums of sqrt(3) at most, on both
+#: sides.
+_ROTATED = 3.0
+
+#: Largest difference between the masses of a free part along x, y and z, relative to the largest.
+#: Files with 7 digits have 1e-7.
 SAME_MASS = 1e-5
 
-#: Largest difference between a matrix and its transpose, relative to its largest entry.
-SYMMETRY_LIMIT = 1e-6
+#: Largest relative antisymmetric part of K or M, evaluated with random vectors that are scaled by
+#: the diagonal. It is below the tolerance of static responses, 1e-8.
+SYMMETRY_TOLERANCE = 1e-9
 
-#: Elastic forces in rigid motions above which too few digits of K make verified reductions of a
-#: free part fail: with 12 digits they are 1e-13, with 10 digits 1e-11.
-DIGITS_LIMIT = 1e-12
+#: Largest relative excess of an entry of K over the geometric mean of its two diagonal entries.
+#: Rounding to `FEWEST_DIGITS` digits causes half as much.
+MINOR_TOLERANCE = 1e-6
+
+#: Smallest accepted eigenvalue of M, scaled by its diagonal, relative to the largest eigenvalue. It
+#: is 1e-2 for elements of degree 2, and 1e-16 for round-off.
+MASS_TOLERANCE = 1e-8
+
+#: Smallest component of a null vector of M in a random load that is detected, relative to the mean
+#: component. It is also the probability that a null vector is missed.
+_MISSED = 1e-2
+
+#: Largest force due to a translation on a node without support, relative to the diagonal entry.
+_UNLOADED = 1e-6
+
+#: Mass over the volume of a box around the nodes that is impossible for a part in SI units, lower
+#: and upper limit [kg/m3]. A frame of thin bars has 10 kg/m3. With numbers in millimetres and
+#: kilograms, a solid block of steel has 8e-6; with millimetres and tonnes, which are consistent
+#: with N/mm, gold has 2e-8.
+IMPOSSIBLE = (3e-8, 0.1)
 
 #: Estimated speeds of elastic waves that are usual [m/s]. Solids have 300 (soft plastics), 5000
 #: (steel) to 12 000 (ceramics); the estimate is 0.1 times as much on a shaft of long cells, and 3
@@ -54,6 +125,406 @@ SPEEDS = (400.0, 40e3)
 
 #: Densities in the convex hull of a part [kg/m^3]: from a thin frame of magnesium to tungsten.
 DENSITIES = (30.0, 20e3)
+
+#: What to do about coordinates and rows of K in different orders.
+_ORDER = "coordinates and rows of K are not in the same order of nodes, or of x, y, z"
+
+#: Names of the six rigid motions in messages.
+_MOTIONS = tuple(
+    f"{motion} {axis}" for motion in ("translation along", "rotation about") for axis in "xyz"
+)
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """Rounding of the values of a matrix in a file.
+
+    Attributes
+    ----------
+    label
+        Digits for messages, for instance "10 digits".
+    unit
+        Largest relative error u of a value.
+    factor
+        Factor of the bound of forces in rigid motions: 1 if the digits were counted in the values.
+    """
+
+    label: str
+    unit: float
+    factor: float = 1.0
+
+    @staticmethod
+    def to_digits(digits: int, factor: float = 1.0) -> Rounding:
+        """Rounding to a number of decimal digits."""
+        return Rounding(f"{digits} digits", 0.5 * 10.0 ** (1 - digits), factor)
+
+
+#: Rounding of values in single precision, with 24 bits.
+SINGLE = Rounding("single precision", 2.0**-24)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMotions:
+    """Rigid motions of a part.
+
+    Attributes
+    ----------
+    fields
+        Displacements of six rigid motions, rows of this rank, shape (owned dofs, 6). They are
+        scaled so that their energy with the diagonal of K is 1.
+    free
+        True if no rigid motion stores energy, False if all do.
+    rounding
+        Rounding that causes the elastic forces in rigid motions of a free part; None if these
+        forces are those of double precision, or have another cause.
+    """
+
+    fields: np.ndarray
+    free: bool
+    rounding: Rounding | None = None
+
+
+def decimal_digits(values: np.ndarray) -> int | None:
+    """Count the decimal digits of values, in a sample of them; None for more than `MOST_DIGITS`.
+
+    The most digits of a value count: 0.5 has one digit in every file.
+    """
+    sample = values[:: max(1, len(values) // _SAMPLE)]
+    texts = (f"{abs(value):.14e}"[:16].rstrip("0").replace(".", "") for value in sample)
+    digits = max(map(len, texts), default=1)
+    return digits if digits <= MOST_DIGITS else None
+
+
+def rounding_of(matrix: PETSc.Mat) -> Rounding | None:
+    """Find the rounding of the values of a matrix; None if they have all digits; collective."""
+    values = matrix.getValuesCSR()[2]
+    comm = matrix.comm.tompi4py()
+    counts = comm.allgather(decimal_digits(values))
+    most = max((MOST_DIGITS + 1 if count is None else count) for count in counts)
+    is_single = bool(np.array_equal(values.astype(np.float32), values))
+    if comm.allreduce(is_single, op=MPI.LAND) and most > FEWEST_DIGITS:
+        return SINGLE
+    return None if most > MOST_DIGITS else Rounding.to_digits(most)
+
+
+def absolute(matrix: PETSc.Mat) -> PETSc.Mat:
+    """Matrix of the absolute values of the entries."""
+    pointers, columns, values = matrix.getValuesCSR()
+    return PETSc.Mat().createAIJ(
+        matrix.getSizes(), csr=(pointers, columns, np.abs(values)), comm=matrix.comm
+    )
+
+
+def _forces(stiffness: PETSc.Mat, fields: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Magnitudes of the elastic forces of motions, and of the terms that cancel in them."""
+    magnitudes = absolute(stiffness)
+    terms = multiply(magnitudes, np.abs(fields))
+    magnitudes.destroy()
+    return np.abs(multiply(stiffness, fields)), terms
+
+
+def _largest(columns: np.ndarray, comm: MPI.Comm) -> np.ndarray:
+    """Largest value of each column, over the rows of all ranks."""
+    return comm.allreduce(columns.max(axis=0, initial=0.0), op=MPI.MAX)
+
+
+@dataclass(frozen=True, eq=False)
+class _Excess:
+    """Elastic forces in rigid motions, and whether rounding explains them.
+
+    Attributes
+    ----------
+    defects
+        Largest force in each motion, relative to the terms that cancel, shape (6,).
+    rounded
+        Whether the forces of each motion are within the bound of rounding, shape (6,).
+    rounding
+        Rounding of the values of K, None if they have all digits.
+    """
+
+    defects: np.ndarray
+    rounded: np.ndarray
+    rounding: Rounding | None
+
+
+def _excess(stiffness: PETSc.Mat, fields: np.ndarray, digits: int | None) -> _Excess:
+    """Compare the elastic forces in rigid motions with those that rounding of K can cause.
+
+    Raises
+    ------
+    StructureError
+        If the forces are those of rounding to fewer than `FEWEST_DIGITS` digits.
+    """
+    comm = stiffness.comm.tompi4py()
+    forces, terms = _forces(stiffness, fields)
+    scale = _largest(terms, comm)
+    defects = _largest(forces, comm) / scale
+    rounding = Rounding.to_digits(digits, _ROTATED) if digits else rounding_of(stiffness)
+    if rounding is None or rounding.unit > _SIMPLE:
+        return _Excess(defects, np.zeros(6, dtype=bool), None)
+    limit = rounding.factor * rounding.unit * terms + ROUND_OFF_FORCES * scale
+    rounded = comm.allreduce((forces <= limit).all(axis=0), op=MPI.LAND)
+    if rounded.any() and rounding.unit > 0.5 * 10.0 ** (1 - FEWEST_DIGITS):
+        raise StructureError(
+            f"K has {rounding.label}, at least {FEWEST_DIGITS} are needed: rigid motions have "
+            f"elastic forces of {defects.max():.1e} of their terms"
+        )
+    return _Excess(defects, rounded, rounding)
+
+
+def rigid_motions(
+    stiffness: PETSc.Mat, coordinates: np.ndarray, digits: int | None = None
+) -> RigidMotions:
+    """Compute the rigid motions of a part, and whether it is free or clamped; collective.
+
+    Parameters
+    ----------
+    stiffness
+        Stiffness matrix K.
+    coordinates
+        Positions of the nodes of this rank, shape (owned nodes, 3) [m].
+    digits
+        Digits of the file from which K was read; None to count them in the values if needed.
+
+    Raises
+    ------
+    StructureError
+        If all nodes lie at the origin or on one axis, if only some rigid motions store energy, or
+        if rigid motions of a free part have elastic forces above `RIGID_LIMIT` that are not those
+        of rounding.
+    """
+    fields = rigid_fields(coordinates)
+    comm = stiffness.comm.tompi4py()
+    diagonal = stiffness.getDiagonal().array
+    bound = np.sqrt(comm.allreduce(np.sum(fields**2 * diagonal[:, None], axis=0)))
+    if not bound.all():
+        raise StructureError("all nodes lie at the origin or on one axis: were coordinates given?")
+    fields /= bound
+    products = multiply(stiffness, fields)
+    energy = inner(fields, products, comm)
+    ratios = np.diag(energy)
+    rough = _largest(np.abs(products), comm) / _largest(diagonal[:, None] * np.abs(fields), comm)
+    excess = _Excess(np.zeros(6), np.zeros(6, dtype=bool), None)
+    if rough.max() > ROUND_OFF_FORCES and np.abs(ratios).min() <= _ROUNDED_ENERGY:
+        excess = _excess(stiffness, fields, digits)
+    free = (ratios <= FREE_TOLERANCE) | excess.rounded
+    unexplained = np.where(excess.rounded, 0.0, ratios)
+    if unexplained.min() < -FREE_TOLERANCE:
+        raise StructureError(
+            f"stiffness is not positive semidefinite: {_MOTIONS[int(np.argmin(unexplained))]} has "
+            f"a relative energy of {unexplained.min():.1e}, limit {-FREE_TOLERANCE:.0e}: "
+            "were all digits written?"
+        )
+    if free.any() and not free.all():
+        names = ", ".join(itertools.compress(_MOTIONS, free))
+        cause = _ORDER if free[:3].all() else "supports leave motions free, or rows are damaged"
+        raise StructureError(
+            f"{free.sum()} of 6 rigid motions store no energy ({names}), but a part must be free "
+            f"or clamped (largest relative energy {ratios.max():.1e}, limit {FREE_TOLERANCE:.0e}): "
+            f"{cause}"
+        )
+    defects = np.where(excess.rounded, 0.0, excess.defects)
+    if free.all() and defects.max() > RIGID_LIMIT:
+        raise StructureError(
+            f"{_MOTIONS[int(np.argmax(defects))]} of the part has elastic forces of "
+            f"{defects.max():.1e} of their terms, above {RIGID_LIMIT:.0e}: "
+            f"{'values of K are damaged' if defects[:3].max() > RIGID_LIMIT else _ORDER}"
+        )
+    softest = np.linalg.eigvalsh(energy)[0]
+    if not free.any() and not softest > HELD:
+        raise StructureError(
+            "a combination of rigid motions stores no energy (relative energy "
+            f"{softest:.1e}, limit {HELD:.0e}): the supports do not clamp the part"
+        )
+    return RigidMotions(fields, bool(free.all()), excess.rounding if excess.rounded.all() else None)
+
+
+def require_matrices(
+    stiffness: PETSc.Mat, mass: PETSc.Mat, coordinates: np.ndarray, digits: int | None = None
+) -> RigidMotions:
+    """Check K, M and coordinates of a part; collective. For the parameters see `rigid_motions`.
+
+    Raises
+    ------
+    StructureError
+        If a value is not finite; if K or M is not symmetric, or has an empty row or a diagonal
+        entry that is not positive; if degrees of freedom are ordered by component, not by node; if
+        `rigid_motions` refuses the part; if K has an entry that is impossible in a positive
+        semidefinite matrix; if M is not positive definite; or if the units of mass and coordinates
+        do not fit.
+    """
+    require_finite({"stiffness": stiffness, "mass": mass})
+    sums = np.concatenate(stiffness.comm.tompi4py().allgather(coordinates.sum(axis=1)))
+    worst = np.argmin(np.isfinite(sums))
+    require(np.isfinite(sums[worst]), f"the coordinates of node {worst} are not finite")
+    for name, matrix in (("stiffness", stiffness), ("mass", mass)):
+        _check_diagonal(matrix, name)
+        _check_symmetric(matrix, name)
+    _check_order(stiffness)
+    _check_minors(stiffness)
+    motions = rigid_motions(stiffness, coordinates, digits)
+    _check_definite(mass)
+    _check_masses(mass, coordinates, free=motions.free)
+    return motions
+
+
+def require(holds: bool | np.bool_, problem: str) -> None:
+    """Raise `problem` as a `StructureError` unless a condition holds."""
+    if not holds:
+        raise StructureError(problem)
+
+
+def require_finite(matrices: dict[str, PETSc.Mat]) -> None:
+    """Refuse matrices, by their names, with values that are not finite."""
+    for name, matrix in matrices.items():
+        require(np.isfinite(matrix.norm()), f"{name} has a value that is not finite")
+
+
+def _row_label(row: int) -> str:
+    """Text for messages about a row of a matrix: its node and its component."""
+    return f"node {row // 3}, component {'xyz'[row % 3]}"
+
+
+def _random(matrix: PETSc.Mat, count: int = 1) -> np.ndarray:
+    """Random vectors of unit variance, rows of this rank, shape (owned dofs, count)."""
+    rank = matrix.comm.tompi4py().rank
+    return np.random.default_rng([3, rank]).standard_normal((matrix.local_size[0], count))
+
+
+def _check_diagonal(matrix: PETSc.Mat, name: str) -> None:
+    """Refuse a matrix with a diagonal entry that is not positive."""
+    diagonal = np.concatenate(matrix.comm.tompi4py().allgather(matrix.getDiagonal().array))
+    row = int(np.argmin(diagonal))
+    require(
+        diagonal[row] > 0,
+        f"{name} has the diagonal entry {diagonal[row]:.3g} at {_row_label(row)}, which must be "
+        "positive: is the row empty?",
+    )
+
+
+def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
+    """Refuse a matrix that is not symmetric, by the products ``a^T A b`` and ``b^T A a``."""
+    comm = matrix.comm.tompi4py()
+    scale = 1.0 / np.sqrt(matrix.getDiagonal().array)[:, None]
+    vectors = scale * _random(matrix, 2)
+    product = multiply(matrix, vectors)
+    work = inner(vectors, product, comm)
+    defect = abs(work[0, 1] - work[1, 0]) / norm(scale * product, comm)
+    require(
+        defect <= SYMMETRY_TOLERANCE,
+        f"{name} is not symmetric: relative defect {defect:.1e}, limit "
+        f"{SYMMETRY_TOLERANCE:.0e}; both triangles must be given, with the same digits",
+    )
+
+
+def _check_minors(stiffness: PETSc.Mat) -> None:
+    """Refuse a stiffness matrix with a negative principal minor of two degrees of freedom.
+
+    The check passes over all entries once. A matrix that passes may still have a negative
+    eigenvalue; the factorisation refuses it (`fenics_ehd.reduction.static.LinearSolver`).
+    """
+    comm = stiffness.comm.tompi4py()
+    roots = np.sqrt(np.concatenate(comm.allgather(stiffness.getDiagonal().array)))
+    pointers, columns, entries = stiffness.getValuesCSR()
+    first = stiffness.getOwnershipRange()[0]
+    rows = first + np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
+    ratios = np.abs(entries) / (roots[rows] * roots[columns])
+    problem = None
+    if ratios.max(initial=0.0) > 1.0 + MINOR_TOLERANCE:
+        worst = int(np.argmax(ratios))
+        problem = (
+            f"stiffness is not positive semidefinite: the entry {entries[worst]:.3g} of "
+            f"{_row_label(rows[worst])} and {_row_label(columns[worst])} is {ratios[worst]:.3g} "
+            "times the geometric mean of their diagonal entries, but at most 1 is possible"
+        )
+    agree(comm, problem)
+
+
+def _check_order(stiffness: PETSc.Mat) -> None:
+    """Refuse degrees of freedom that are numbered component by component, not node by node.
+
+    With the right numbering, a translation causes elastic forces only at nodes with supports.
+    """
+    comm = stiffness.comm.tompi4py()
+    limit = _UNLOADED * stiffness.getDiagonal().array
+    rows = np.arange(*stiffness.getOwnershipRange())
+    along = np.sqrt([[1.0], [2.0], [3.0]])  # a direction outside every plane of symmetry
+    by_node, by_component = (
+        comm.allreduce(int((np.abs(multiply(stiffness, along[order])[:, 0]) <= limit).sum()))
+        for order in (rows % 3, rows // (stiffness.size[0] // 3))
+    )
+    require(
+        by_component <= by_node,
+        "the degrees of freedom are numbered component by component (all nodes along x, then y, "
+        "then z), but must be numbered node by node: use reorder(matrix, dofs) with "
+        "dofs = numpy.arange(matrix.shape[0]).reshape(3, -1).T",
+    )
+
+
+def _check_masses(mass: PETSc.Mat, coordinates: np.ndarray, *, free: bool) -> None:
+    """Refuse impossible densities, and masses of a free part that differ along x, y and z.
+
+    Other checks do not detect inconsistent units. The density is the mass over the volume of a box
+    around the nodes. Of a held part, degrees of freedom without rows may lack their masses.
+    """
+    comm = mass.comm.tompi4py()
+    along = rigid_fields(coordinates)[:, :3]
+    # One product: the motion along (1, 1, 1), whose momentum has the three masses as components.
+    masses = inner(along, multiply(mass, along.sum(axis=1)[:, None]), comm)[:, 0]
+    sides = np.ptp(np.vstack(comm.allgather(coordinates)), axis=0)
+    density = masses[0] / max(float(np.prod(sides)), 1e-300)
+    require(
+        not IMPOSSIBLE[0] < density < IMPOSSIBLE[1],
+        f"the part has a mass of {masses[0]:.3g} kg in a box of "
+        f"{' x '.join(f'{side:.3g}' for side in sides)} m, {density:.1g} kg/m3, which is "
+        "impossible: give coordinates in m, K in N/m and M in kg",
+    )
+    require(
+        not free or np.ptp(masses) <= SAME_MASS * masses.max(),
+        f"the masses along x, y and z are {masses[0]:.6g}, {masses[1]:.6g}, {masses[2]:.6g} kg, "
+        "but must be equal: entries of M are missing or damaged",
+    )
+
+
+def _check_definite(mass: PETSc.Mat) -> None:
+    """Refuse a mass matrix that is singular or not positive definite.
+
+    ``M x = f`` is solved for a random f by conjugate gradients. If M has a null vector, the
+    component of f along it remains in the residual, and the Ritz values approach the eigenvalue
+    zero. They also approach negative eigenvalues.
+    """
+    x, force = mass.createVecs()
+    force.array = np.sqrt(mass.getDiagonal().array) * _random(mass)[:, 0]
+    ksp = PETSc.KSP().create(mass.comm)
+    ksp.setOperators(mass)
+    ksp.setComputeEigenvalues(True)
+    options = {
+        "ksp_type": "cg",
+        "ksp_rtol": _MISSED / np.sqrt(mass.size[0]),
+        "ksp_max_it": 300,
+        # On one rank, "eisenstat" is symmetric Gauss-Seidel at the cost of one product; PETSc 3.18
+        # does not have it for several ranks.
+        "pc_type": "eisenstat" if mass.getType() == "seqaij" else "sor",
+    }
+    with configured(ksp, "mass_check_", options):
+        ksp.solve(force, x)
+    ritz = ksp.computeEigenvalues().real
+    indefinite = ksp.getConvergedReason() in (
+        PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
+        PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
+    )
+    ksp.destroy()
+    ratio = ritz.min(initial=1.0) / ritz.max(initial=1e-300)
+    # The last iterate has grown along the null vector.
+    largest = int(np.argmax(np.concatenate(mass.comm.tompi4py().allgather(np.abs(x.array)))))
+    require(
+        ratio > MASS_TOLERANCE and not indefinite,
+        f"mass is singular or not positive definite: relative eigenvalue {ratio:.1e}, limit "
+        f"{MASS_TOLERANCE:.0e}; the eigenvector is largest at {_row_label(largest)}",
+    )
+
+
+# Report
 
 
 @dataclass(frozen=True)
@@ -74,6 +545,11 @@ class MatrixCheck(Described):
         Estimated speed of elastic waves [m/s].
     density
         Mass over the volume of the nodes' convex hull [kg/m^3].
+    held
+        Whether the part is held, so that rigid motions have elastic forces.
+    digits
+        Text on the digits of K that cause the elastic forces of a free part, empty if there is no
+        such cause.
     """
 
     nodes: int
@@ -83,25 +559,25 @@ class MatrixCheck(Described):
     rotation_defect: float
     wave_speed: float
     density: float
-
-    @property
-    def held(self) -> bool:
-        """Whether the part is held, so that translations have elastic forces."""
-        return self.translation_defect > RIGID_LIMIT
+    held: bool = False
+    digits: str = ""
 
     @property
     def notices(self) -> list[str]:
-        """Lines about a part that is not free, about few digits, and about mixed units."""
+        """Lines about a part that is not free, about damaged values, and about mixed units."""
         lines = []
+        defect = max(self.translation_defect, self.rotation_defect)
         if self.held:
             lines.append(
                 f"translations have elastic forces of {self.translation_defect:.1e} of their "
                 "terms: the part is held, or rows of K are damaged, missing or in another order"
             )
-        elif max(self.translation_defect, self.rotation_defect) > DIGITS_LIMIT:
+        elif defect > ROUND_OFF_FORCES and not self.digits:
             lines.append(
-                f"rigid motions have elastic forces above {DIGITS_LIMIT:.0e} of their terms, too "
-                "much for a verified reduction: write K and M with 16 digits or in binary form"
+                f"rigid motions have elastic forces of {defect:.1e} of their terms, more than the "
+                "digits of K explain, and a verified reduction may fail: write coordinates, K and "
+                "M with all digits; for K that was rotated or converted after reading, state the "
+                "digits of its file, digits=10"
             )
         if not SPEEDS[0] <= self.wave_speed <= SPEEDS[1]:
             lines.append(
@@ -127,106 +603,76 @@ class MatrixCheck(Described):
             f"elastic waves {self.wave_speed:.0f} m/s, density in the convex hull "
             f"{self.density:.0f} kg/m^3",
         ]
+        if self.digits:
+            defect = max(self.translation_defect, self.rotation_defect)
+            lines.insert(2, f"rigid motions to {defect:.0e}, as accurate as {self.digits}")
         return "\n".join([*lines, *(f"notice: {line}" for line in self.notices)])
 
 
 def check_matrices(
-    stiffness: sparse.spmatrix, mass: sparse.spmatrix, coordinates: ArrayLike
+    stiffness: Any, mass: Any, coordinates: ArrayLike, *, digits: int | None = None
 ) -> MatrixCheck:
-    """Check the order of the nodes of K and M against their coordinates; report units and mass.
+    """Check K and M against the positions of the nodes; report mass, centre, digits and units.
+
+    The checks are those of `check_structure`.
 
     Parameters
     ----------
     stiffness, mass
-        K [N/m] and M [kg] as SciPy matrices, degrees of freedom ``3 * node + component``.
+        K [N/m] and M [kg] as SciPy matrices or files, see `as_matrix`. Degrees of freedom are
+        ``3 * node + component``.
     coordinates
         Positions of the nodes, shape (n, 3) [m].
+    digits
+        Digits of the file from which K was read, if K was rotated or converted since; None to
+        count them in the values.
 
     Returns
     -------
     MatrixCheck
-        Mass, centre, defects and estimates; its `notices` are lines about units.
+        Mass, centre, defects and estimates; its `notices` are lines about units and digits.
 
     Raises
     ------
     StructureError
-        If the numbers of nodes differ; if a matrix is not finite, not symmetric or has no positive
-        diagonal; if the masses along x, y and z differ; or if a rotation of a free part has elastic
-        forces: the matrices then have another order of nodes or directions than the coordinates.
+        If the numbers of nodes differ, or see `require_matrices`.
     """
     try:
         points = np.asarray(coordinates, dtype=float)
     except (TypeError, ValueError):
         raise StructureError(f"coordinates = {coordinates!r:.60} are no numbers") from None
-    if not np.isfinite(points).all() or points.ndim != 2:
-        raise StructureError("coordinates must be finite numbers of shape (nodes, 3)")
-    size = 3 * len(points)
-    for name, matrix in (("stiffness", stiffness), ("mass", mass)):
-        if points.ndim != 2 or points.shape[1:] != (3,) or matrix.shape != (size, size):
+    matrices = [
+        as_matrix(source, MPI.COMM_SELF, name)
+        for name, source in (("stiffness", stiffness), ("mass", mass))
+    ]
+    for name, matrix in zip(("stiffness", "mass"), matrices, strict=True):
+        if points.ndim != 2 or points.shape[1:] != (3,) or matrix.size != (3 * len(points),) * 2:
             raise StructureError(
-                f"the {name} matrix has shape {matrix.shape}, but coordinates of shape "
+                f"the {name} matrix has shape {matrix.size}, but coordinates of shape "
                 f"{points.shape} need 3 rows for each node"
             )
-    _require_usable("stiffness", stiffness.tocsr())
-    _require_usable("mass", mass.tocsr())
-    motions = rigid_fields(points - points.mean(axis=0))
-    defects = _defects(stiffness.tocsr(), motions)
-    gram = motions[:, :3].T @ (mass @ motions[:, :3])
-    masses = np.diag(gram)
-    if not masses.min() > 0 or np.ptp(masses) > SAME_MASS * masses.max():
-        raise StructureError(
-            f"the masses along x, y and z are {masses[0]:.6g}, {masses[1]:.6g}, {masses[2]:.6g}, "
-            "but must be equal and above 0: entries of M are missing or damaged"
-        )
-    total = float(masses.mean())
-    moments = mass @ points.reshape(-1, 1)
-    centre = (motions[:, :3].T @ moments).ravel() / total
-    check = MatrixCheck(
+    k, m = matrices
+    motions = require_matrices(k, m, points, digits)
+    # About the mean position: about a distant origin, terms would be larger than those of the part.
+    fields = rigid_fields(points - points.mean(axis=0))
+    forces, terms = _forces(k, fields)
+    defects = forces.max(axis=0) / terms.max(axis=0)
+    along = fields[:, :3]
+    total = float(np.trace(along.T @ multiply(m, along))) / 3.0
+    centre = (along.T @ multiply(m, points.reshape(-1, 1))).ravel() / total
+    traces = [matrix.getDiagonal().sum() for matrix in matrices]
+    file = "" if digits else "the file's "
+    return MatrixCheck(
         nodes=len(points),
         mass=total,
         centre=(float(centre[0]), float(centre[1]), float(centre[2])),
         translation_defect=float(defects[:3].max()),
         rotation_defect=float(defects[3:].max()),
-        wave_speed=_spacing(points) * float(np.sqrt(stiffness.trace() / mass.trace())),
+        wave_speed=_spacing(points) * float(np.sqrt(traces[0] / traces[1])),
         density=total / _hull_volume(points),
+        held=not motions.free,
+        digits=f"{file}{motions.rounding.label}" if motions.rounding else "",
     )
-    if not check.held and check.rotation_defect > RIGID_LIMIT:
-        raise StructureError(
-            f"a rotation of the part has elastic forces of {check.rotation_defect:.1e} of their "
-            f"terms, above {RIGID_LIMIT:.0e}: coordinates and rows of K are not in the same order "
-            "of nodes, or of x, y, z"
-        )
-    return check
-
-
-def _require_usable(name: str, matrix: sparse.csr_matrix) -> None:
-    """Refuse a matrix that is not that of an elastic part in any order of its nodes.
-
-    Raises
-    ------
-    StructureError
-        If a number is not finite, if the sum of the diagonal is not above 0, or if the matrix is
-        not symmetric.
-    """
-    if not np.isfinite(matrix.data).all():
-        raise StructureError(f"the {name} matrix has a number that is not finite")
-    if not matrix.diagonal().sum() > 0:
-        raise StructureError(
-            f"the sum of the diagonal of the {name} matrix is {matrix.diagonal().sum():.3g}, "
-            "but must be above 0"
-        )
-    defect = abs(matrix - matrix.T).max() / abs(matrix).max()
-    if defect > SYMMETRY_LIMIT:
-        raise StructureError(
-            f"the {name} matrix differs from its transpose by {defect:.1e} of its largest entry, "
-            f"above {SYMMETRY_LIMIT:.0e}"
-        )
-
-
-def _defects(stiffness: sparse.csr_matrix, motions: np.ndarray) -> np.ndarray:
-    """Largest elastic force of each motion, relative to the terms that cancel in it."""
-    terms = abs(stiffness) @ np.abs(motions)
-    return np.abs(stiffness @ motions).max(axis=0) / terms.max(axis=0)
 
 
 def _spacing(points: np.ndarray) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -42,9 +42,10 @@ from fenics_ehd.reduction.matrices import (
     symmetric,
     transpose_multiply,
 )
+from fenics_ehd.reduction.matrix_check import Rounding, absolute, rigid_motions
 from fenics_ehd.reduction.pressure_family import PressureFamily
 from fenics_ehd.reduction.static import StaticSolver, Work, bore_rows, room_for_columns
-from fenics_ehd.reduction.structure import Structure, check_structure, rigid_motions
+from fenics_ehd.reduction.structure import Structure, check_structure
 
 #: Largest relative deviation of reduced matrices from the form that a method requires.
 FORM_TOLERANCE = 1e-6
@@ -91,14 +92,11 @@ def product(
     return np.hstack([np.zeros((left.shape[1], 0)), *products])
 
 
-def gram_matrices(
-    structure: Structure, mass: MassOperator, columns: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def gram_matrices(solver: StaticSolver, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Reduced matrices ``T^T K T`` and ``T^T M T`` of columns T, the same on every rank."""
-    comm = structure.comm
-    by_stiffness = partial(multiply, structure.stiffness)
-    stiffness = product(columns, by_stiffness, columns, comm)
-    mass_matrix = product(columns, mass.multiply, columns, comm)
+    comm = solver.structure.comm
+    stiffness = product(columns, solver.elastic_forces, columns, comm)
+    mass_matrix = product(columns, solver.mass.multiply, columns, comm)
     return symmetric(stiffness), symmetric(mass_matrix)
 
 
@@ -339,7 +337,36 @@ class Reductor(Described):
     @cached_property
     def free(self) -> bool:
         """Whether the part has no supports."""
-        return rigid_motions(self.structure)[1]
+        return self._rigidity[0]
+
+    @cached_property
+    def _rigidity(self) -> tuple[bool, Rounding | None]:
+        """Whether the part is free, and the rounding of K that its rigid motions show."""
+        structure = self.structure
+        motions = rigid_motions(structure.stiffness, structure.coordinates, structure.digits)
+        return motions.free, motions.rounding
+
+    def stiffness_rounding(self, columns: np.ndarray) -> dict[str, float]:
+        """Largest relative error of strain energies of columns t that rounding of K can cause.
+
+        The error is ``u |t|^T |K| |t| / (t^T K t)``, with the relative error u of the values of K
+        and t without its rigid motion; its name is ``stiffness_rounding``. It is a bound: errors of
+        many values cancel, and it is 10 to 500 times the error of a rod. The result is empty if
+        rigid motions show no rounding.
+        """
+        rounding = self._rigidity[1]
+        if rounding is None or not columns.shape[1]:
+            return {}
+        comm = self.structure.comm
+        magnitudes = absolute(self.structure.stiffness)
+        columns = self.static.admissible(columns)
+        sizes = np.abs(columns)
+        terms, energies = (
+            comm.allreduce(np.sum(one * multiply(matrix, one), axis=0))
+            for matrix, one in ((magnitudes, sizes), (self.structure.stiffness, columns))
+        )
+        magnitudes.destroy()
+        return {"stiffness_rounding": float(rounding.unit * np.max(terms / energies))}
 
     @cached_property
     def static(self) -> StaticSolver:
@@ -459,7 +486,7 @@ class Reductor(Described):
             },
             missing_flexibility=np.zeros((0, 0)),
             residual=residual,
-            accuracy=basis.accuracy,
+            accuracy={**basis.accuracy, **self.stiffness_rounding(basis.columns)},
             columns=basis.columns if keep_basis else None,
         )
         if not estimate_error:

@@ -34,7 +34,8 @@ from fenics_ehd.reduction.matrices import (
     multiply,
     norm,
 )
-from fenics_ehd.reduction.structure import Structure, rigid_motions
+from fenics_ehd.reduction.matrix_check import RigidMotions, rigid_motions
+from fenics_ehd.reduction.structure import Structure
 
 
 def _owned_nodes(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
@@ -80,8 +81,14 @@ def rigid_body_modes(structure: Structure) -> np.ndarray:
     StructureError
         If `rigid_motions` refuses the part.
     """
-    fields, free = rigid_motions(structure)
-    if not free:
+    motions = rigid_motions(structure.stiffness, structure.coordinates, structure.digits)
+    return _mass_orthonormal(structure, motions)
+
+
+def _mass_orthonormal(structure: Structure, motions: RigidMotions) -> np.ndarray:
+    """Combine the rigid motions of a free part so that they are mass-orthonormal."""
+    fields = motions.fields
+    if not motions.free:
         return fields[:, :0]
     gram = inner(fields, multiply(structure.mass, fields), structure.comm)
     return np.linalg.solve(np.linalg.cholesky(gram), fields.T).T
@@ -382,6 +389,12 @@ def room_for_columns(rows: int, count: int, comm: MPI.Comm) -> np.ndarray:
 #: random combination of the columns, which is wrong if any column is.
 RESIDUAL_TOLERANCE = 1e-8
 
+#: Largest number of refinements of the responses of a part whose K is rounded, and the residual
+#: after which no further one is needed, relative to the load. Each makes the residual smaller by
+#: the forces in rigid motions times the compliance, 1e-4 for files with 10 digits.
+REFINEMENTS = 4
+REFINED = 1e-11
+
 #: Largest dimensionless response to balanced loads: displacement over load, times the mean diagonal
 #: of K. It is 1e8 for slender parts, and 1e15 or more for a part with a further free motion.
 COMPLIANCE_LIMIT = 1e13
@@ -408,6 +421,11 @@ class StaticSolver:
     needed. For a clamped part, which has no rigid-body modes, this is an ordinary solve. An
     iterative solver uses the singular matrix without a support, because supports at single nodes
     would slow the iteration down.
+
+    If K was rounded in a file, rigid motions U have small elastic forces, so that the support of a
+    free part has reactions. The response is then that of ``P^T K P`` with ``P = 1 - U U^T M``,
+    which differs from K by no more than the rounding and has no such forces; it is computed by
+    iterative refinement.
 
     Parameters
     ----------
@@ -465,11 +483,14 @@ class StaticSolver:
         rows = structure.stiffness.local_size[0]
         first, last = matrix.getOwnershipRange()
         self.rigid_modes = np.zeros((rows, 0))
+        self._rounded = False
         held = np.zeros(0, dtype=np.int32)
         if clamped is not None:
             held = (3 * clamped[:, None] + np.arange(3)).ravel()
         else:
-            self.rigid_modes = rigid_body_modes(structure)
+            motions = rigid_motions(structure.stiffness, structure.coordinates, structure.digits)
+            self.rigid_modes = _mass_orthonormal(structure, motions)
+            self._rounded = motions.free and motions.rounding is not None
             if direct and self.rigid_modes.shape[1]:
                 held = supporting_rows(self.rigid_modes, structure.comm)
         held = held[(held >= first) & (held < last)].astype(np.int32)
@@ -513,6 +534,17 @@ class StaticSolver:
     def apply(self, loads: np.ndarray) -> np.ndarray:
         """Compute static responses as `solve` does, but without a check, for an eigensolver."""
         balanced = self.equilibrate(loads)
+        response = self._supported(balanced.copy() if self._rounded else balanced)
+        size = norm(balanced, self.structure.comm) if self._rounded else 0.0
+        for _ in range(REFINEMENTS if self._rounded else 0):
+            defect = balanced - self.elastic_forces(response)
+            if norm(defect, self.structure.comm) <= REFINED * size:
+                break
+            response += self._supported(defect)
+        return response
+
+    def _supported(self, balanced: np.ndarray) -> np.ndarray:
+        """Responses of the supported part, without their rigid motions; `balanced` is changed."""
         balanced[self._held] = 0.0
         self.work.solved_columns += balanced.shape[1]
         return self.admissible(self.linear.solve(balanced))
@@ -536,8 +568,14 @@ class StaticSolver:
             If the residual of (29), relative to the loads, exceeds `RESIDUAL_TOLERANCE`.
         """
         response = self.apply(loads)
-        verify_responses(self.structure, self.equilibrate(loads), response)
+        verify_responses(self, self.equilibrate(loads), response)
         return response
+
+    def elastic_forces(self, columns: np.ndarray) -> np.ndarray:
+        """Elastic forces ``K x`` of displacements x; of a rounded K those of ``P^T K P``."""
+        if not self._rounded:
+            return multiply(self.structure.stiffness, columns)
+        return self.equilibrate(multiply(self.structure.stiffness, self.admissible(columns)))
 
     def _check_compliance(self) -> None:
         """Refuse a part with a motion of nearly no strain energy that is not a rigid motion.
@@ -574,7 +612,7 @@ def mean_diagonal(matrix: PETSc.Mat) -> float:
     return mean
 
 
-def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndarray) -> None:
+def verify_responses(solver: StaticSolver, loads: np.ndarray, responses: np.ndarray) -> None:
     """Check ``K x = f`` for a random combination of static responses x and of their loads f.
 
     Raises
@@ -585,14 +623,16 @@ def verify_responses(structure: Structure, loads: np.ndarray, responses: np.ndar
     if not loads.shape[1]:
         return
     # Columns are scaled to unit norm, so that errors of small columns count as those of large ones.
-    sizes = np.sqrt(structure.comm.allreduce(np.sum(loads**2, axis=0)))
+    comm = solver.structure.comm
+    sizes = np.sqrt(comm.allreduce(np.sum(loads**2, axis=0)))
     signs = np.random.default_rng(0).choice([-1.0, 1.0], loads.shape[1])
     weights = signs / np.where(sizes > 0, sizes, 1.0)
     load = loads @ weights[:, None]
-    defect = multiply(structure.stiffness, responses @ weights[:, None]) - load
-    ratio = norm(defect, structure.comm) / max(norm(load, structure.comm), 1e-300)
+    defect = solver.elastic_forces(responses @ weights[:, None]) - load
+    ratio = norm(defect, comm) / max(norm(load, comm), 1e-300)
     if not ratio <= RESIDUAL_TOLERANCE:
         raise VerificationError(
             f"static responses have a relative residual of {ratio:.1e}, above "
-            f"{RESIDUAL_TOLERANCE:.0e}: is the stiffness matrix symmetric and non-singular?"
+            f"{RESIDUAL_TOLERANCE:.0e}: is the stiffness matrix symmetric and non-singular, and "
+            "were all digits written (check_matrices reports on them)?"
         )

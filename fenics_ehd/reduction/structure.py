@@ -1,8 +1,9 @@
 """Structure: a part as input of a reduction, with matrices, bores and points from any program.
 
 A boundary point is described by its load vectors, which are made from nodes, weights or a matrix.
-`check_structure` checks a part before a reduction. The checks cost 15 to 35 products with a matrix
-on one rank and twice as many on several ranks, but no factorisation.
+`check_structure` checks a part before a reduction; the checks of its matrices are those of
+`fenics_ehd.reduction.matrix_check`. The checks cost 15 to 35 products with a matrix on one rank and
+twice as many on several ranks, but no factorisation.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
+from fenics_ehd.base.arguments import require_count
 from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
-from fenics_ehd.base.petsc_options import configured
 from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.reduction.bore import (
     BORE,
@@ -40,9 +41,13 @@ from fenics_ehd.reduction.matrices import (
     assemble,
     inner,
     load_columns,
-    multiply,
-    norm,
     owned_range,
+)
+from fenics_ehd.reduction.matrix_check import (
+    MOST_DIGITS,
+    require,
+    require_finite,
+    require_matrices,
 )
 
 #: Sum of weights, relative to the sum of their magnitudes, above which they define a mean.
@@ -190,6 +195,10 @@ class Structure(Described):
     owner
         Object that exists as long as the structure. A dolfinx mesh must outlive the matrices,
         because dolfinx frees the communicator together with the mesh.
+    digits
+        Digits of the file from which K was read, if K was rotated, or converted by another factor
+        than a power of ten; None to count them in the values. Elastic forces in rigid motions that
+        this rounding causes are accepted.
     comm
         MPI communicator (mpi4py) of the ranks that share the matrices. PETSc matrices keep their
         own communicator.
@@ -208,10 +217,13 @@ class Structure(Described):
     attachments: Mapping[str, tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]] = field(default_factory=dict)
     recovery: Recovery | None = None
     owner: object = None
+    digits: int | None = None
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_WORLD)
 
     def __post_init__(self) -> None:
         comm = self.comm
+        if self.digits is not None:
+            require_count("digits", self.digits, 1, MOST_DIGITS)
         if isinstance(self.stiffness, PETSc.Mat):
             comm = self.stiffness.comm.tompi4py()
         stiffness = as_matrix(self.stiffness, comm, "stiffness")
@@ -325,90 +337,6 @@ def _owned_rows(coordinates: np.ndarray, stiffness: PETSc.Mat) -> np.ndarray:
 
 # Checks
 
-#: Largest strain energy of a rigid motion of a free part, relative to the energy of the same nodal
-#: displacements with the diagonal of K.
-FREE_TOLERANCE = 1e-9
-
-#: Strain energy above which every rigid motion of a clamped part counts as held, relative to the
-#: energy with the diagonal of K.
-HELD = 1e-12
-
-
-#: Names of the six rigid motions in messages.
-_MOTIONS = tuple(
-    f"{motion} {axis}" for motion in ("translation along", "rotation about") for axis in "xyz"
-)
-
-
-def rigid_motions(structure: Structure) -> tuple[np.ndarray, bool]:
-    """Compute the rigid motions of a part, and whether it is free or clamped.
-
-    Returns
-    -------
-    fields : numpy.ndarray
-        Displacements of six rigid motions, rows of this rank, shape (owned dofs, 6). They are
-        scaled so that their energy with the diagonal of K is 1.
-    free : bool
-        True if no rigid motion stores energy, False if all do.
-
-    Raises
-    ------
-    StructureError
-        If all nodes lie at the origin or on one axis, or if only some rigid motions store energy.
-    """
-    fields = rigid_fields(structure.coordinates)
-    comm = structure.comm
-    diagonal = structure.stiffness.getDiagonal().array
-    bound = np.sqrt(comm.allreduce(np.sum(fields**2 * diagonal[:, None], axis=0)))
-    if not bound.all():
-        raise StructureError("all nodes lie at the origin or on one axis: were coordinates given?")
-    fields /= bound
-    energy = inner(fields, multiply(structure.stiffness, fields), comm)
-    ratios = np.diag(energy)
-    lowest = int(np.argmin(ratios))
-    if ratios[lowest] < -FREE_TOLERANCE:
-        raise StructureError(
-            f"stiffness is not positive semidefinite: {_MOTIONS[lowest]} has a relative energy of "
-            f"{ratios[lowest]:.1e}, limit {-FREE_TOLERANCE:.0e}: were all digits written?"
-        )
-    free = ratios <= FREE_TOLERANCE
-    if free.any() and not free.all():
-        names = ", ".join(itertools.compress(_MOTIONS, free))
-        raise StructureError(
-            f"{free.sum()} of 6 rigid motions store no energy ({names}), but a part must be free "
-            f"or clamped (largest relative energy {ratios.max():.1e}, limit {FREE_TOLERANCE:.0e}): "
-            "are the coordinates in the order of the degrees of freedom?"
-        )
-    softest = np.linalg.eigvalsh(energy)[0]
-    if not free.any() and not softest > HELD:
-        raise StructureError(
-            "a combination of rigid motions stores no energy (relative energy "
-            f"{softest:.1e}, limit {HELD:.0e}): the supports do not clamp the part"
-        )
-    return fields, bool(free.all())
-
-
-#: Largest relative antisymmetric part of K or M, evaluated with random vectors that are scaled by
-#: the diagonal. It is below the tolerance of static responses, 1e-8.
-SYMMETRY_TOLERANCE = 1e-9
-
-#: Smallest accepted eigenvalue of M, scaled by its diagonal, relative to the largest eigenvalue. It
-#: is 1e-2 for elements of degree 2, and 1e-16 for round-off.
-MASS_TOLERANCE = 1e-8
-
-#: Smallest component of a null vector of M in a random load that is detected, relative to the mean
-#: component. It is also the probability that a null vector is missed.
-_MISSED = 1e-2
-
-#: Largest force due to a translation on a node without support, relative to the diagonal entry.
-_UNLOADED = 1e-6
-
-#: Mass over the volume of a box around the nodes that is impossible for a part in SI units, lower
-#: and upper limit [kg/m3]. A frame of thin bars has 10 kg/m3. With numbers in millimetres and
-#: kilograms, a solid block of steel has 8e-6; with millimetres and tonnes, which are consistent
-#: with N/mm, gold has 2e-8.
-IMPOSSIBLE = (3e-8, 0.1)
-
 #: Largest deviation of a boundary point's displacement from 1 or 0 under a unit translation.
 WEIGHT_TOLERANCE = 1e-8
 
@@ -439,23 +367,13 @@ def check_structure(structure: Structure) -> None:
     Raises
     ------
     StructureError
-        If a value is not finite; if K or M is not symmetric, or has an empty row or a diagonal
-        entry that is not positive; if K has an entry that is impossible in a positive semidefinite
-        matrix; if M is not positive definite; if only some rigid motions store energy; if degrees
-        of freedom are ordered by component, not by node; if the units of mass and coordinates do
-        not fit; if bore nodes are not on the bore, or its load matrix does not push outward; if
+        If `require_matrices` refuses the matrices; if a load matrix has a value that is not finite;
+        if bore nodes are not on the bore, or its load matrix does not push outward; if
         the first bore is not at the origin, or two bores share a node; if the load vectors of a
         boundary point do not average displacements, or two boundary points are the same.
     """
-    _check_finite(structure)
-    for name, matrix in (("stiffness", structure.stiffness), ("mass", structure.mass)):
-        _check_diagonal(matrix, name)
-        _check_symmetric(matrix, name)
-    _check_order(structure)
-    rigid_motions(structure)
-    _check_minors(structure.stiffness)
-    _check_definite(structure.mass)
-    _check_units(structure)
+    require_finite({f"{name}.load": bore.load for name, bore in structure.bores.items()})
+    require_matrices(structure.stiffness, structure.mass, structure.coordinates, structure.digits)
     for name, bore in structure.bores.items():
         check_surface(bore, name)
         _check_nodes(structure, bore, name)
@@ -463,166 +381,6 @@ def check_structure(structure: Structure) -> None:
     if structure.bores:
         _check_centres(structure)
     _check_attachments(structure)
-
-
-def _require(holds: bool | np.bool_, problem: str) -> None:
-    """Raise `problem` as a `StructureError` unless a condition holds."""
-    if not holds:
-        raise StructureError(problem)
-
-
-def _row_label(row: int) -> str:
-    """Text for messages about a row of a matrix: its node and its component."""
-    return f"node {row // 3}, component {'xyz'[row % 3]}"
-
-
-def _random(matrix: PETSc.Mat, count: int = 1) -> np.ndarray:
-    """Random vectors of unit variance, rows of this rank, shape (owned dofs, count)."""
-    rank = matrix.comm.tompi4py().rank
-    return np.random.default_rng([3, rank]).standard_normal((matrix.local_size[0], count))
-
-
-def _check_finite(structure: Structure) -> None:
-    """Refuse matrices and coordinates with values that are not finite."""
-    matrices = {"stiffness": structure.stiffness, "mass": structure.mass}
-    matrices |= {f"{name}.load": bore.load for name, bore in structure.bores.items()}
-    for name, matrix in matrices.items():
-        _require(np.isfinite(matrix.norm()), f"{name} has a value that is not finite")
-    sums = np.concatenate(structure.comm.allgather(structure.coordinates.sum(axis=1)))
-    worst = np.argmin(np.isfinite(sums))
-    _require(np.isfinite(sums[worst]), f"the coordinates of node {worst} are not finite")
-
-
-def _check_diagonal(matrix: PETSc.Mat, name: str) -> None:
-    """Refuse a matrix with a diagonal entry that is not positive."""
-    diagonal = np.concatenate(matrix.comm.tompi4py().allgather(matrix.getDiagonal().array))
-    row = int(np.argmin(diagonal))
-    _require(
-        diagonal[row] > 0,
-        f"{name} has the diagonal entry {diagonal[row]:.3g} at {_row_label(row)}, which must be "
-        "positive: is the row empty?",
-    )
-
-
-def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
-    """Refuse a matrix that is not symmetric, by the products ``a^T A b`` and ``b^T A a``."""
-    comm = matrix.comm.tompi4py()
-    scale = 1.0 / np.sqrt(matrix.getDiagonal().array)[:, None]
-    vectors = scale * _random(matrix, 2)
-    product = multiply(matrix, vectors)
-    work = inner(vectors, product, comm)
-    defect = abs(work[0, 1] - work[1, 0]) / norm(scale * product, comm)
-    _require(
-        defect <= SYMMETRY_TOLERANCE,
-        f"{name} is not symmetric: relative defect {defect:.1e}, limit "
-        f"{SYMMETRY_TOLERANCE:.0e}; both triangles must be given, with the same digits",
-    )
-
-
-#: Largest relative excess of an entry of K over the geometric mean of its two diagonal entries.
-#: Files from other programs have at least 7 digits.
-MINOR_TOLERANCE = 1e-6
-
-
-def _check_minors(stiffness: PETSc.Mat) -> None:
-    """Refuse a stiffness matrix with a negative principal minor of two degrees of freedom.
-
-    The check passes over all entries once. A matrix that passes may still have a negative
-    eigenvalue; the factorisation refuses it (`fenics_ehd.reduction.static.LinearSolver`).
-    """
-    comm = stiffness.comm.tompi4py()
-    roots = np.sqrt(np.concatenate(comm.allgather(stiffness.getDiagonal().array)))
-    pointers, columns, entries = stiffness.getValuesCSR()
-    first = stiffness.getOwnershipRange()[0]
-    rows = first + np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
-    ratios = np.abs(entries) / (roots[rows] * roots[columns])
-    problem = None
-    if ratios.max(initial=0.0) > 1.0 + MINOR_TOLERANCE:
-        worst = int(np.argmax(ratios))
-        problem = (
-            f"stiffness is not positive semidefinite: the entry {entries[worst]:.3g} of "
-            f"{_row_label(rows[worst])} and {_row_label(columns[worst])} is {ratios[worst]:.3g} "
-            "times the geometric mean of their diagonal entries, but at most 1 is possible"
-        )
-    agree(comm, problem)
-
-
-def _check_order(structure: Structure) -> None:
-    """Refuse degrees of freedom that are numbered component by component, not node by node.
-
-    With the right numbering, a translation causes elastic forces only at nodes with supports.
-    """
-    stiffness = structure.stiffness
-    comm = structure.comm
-    limit = _UNLOADED * stiffness.getDiagonal().array
-    rows = np.arange(*stiffness.getOwnershipRange())
-    along = np.sqrt([[1.0], [2.0], [3.0]])  # a direction outside every plane of symmetry
-    by_node, by_component = (
-        comm.allreduce(int((np.abs(multiply(stiffness, along[order])[:, 0]) <= limit).sum()))
-        for order in (rows % 3, rows // (stiffness.size[0] // 3))
-    )
-    _require(
-        by_component <= by_node,
-        "the degrees of freedom are numbered component by component (all nodes along x, then y, "
-        "then z), but must be numbered node by node: use reorder(matrix, dofs) with "
-        "dofs = numpy.arange(matrix.shape[0]).reshape(3, -1).T",
-    )
-
-
-def _check_units(structure: Structure) -> None:
-    """Refuse a part whose mass over the volume of a box around its nodes is impossible.
-
-    Other checks do not detect inconsistent units.
-    """
-    comm = structure.comm
-    along = rigid_fields(structure.coordinates)[:, :1]
-    sides = np.ptp(np.vstack(comm.allgather(structure.coordinates)), axis=0)
-    mass = float(inner(along, multiply(structure.mass, along), comm)[0, 0])
-    density = mass / max(float(np.prod(sides)), 1e-300)
-    _require(
-        not IMPOSSIBLE[0] < density < IMPOSSIBLE[1],
-        f"the part has a mass of {mass:.3g} kg in a box of "
-        f"{' x '.join(f'{side:.3g}' for side in sides)} m, {density:.1g} kg/m3, which is "
-        "impossible: give coordinates in m, K in N/m and M in kg",
-    )
-
-
-def _check_definite(mass: PETSc.Mat) -> None:
-    """Refuse a mass matrix that is singular or not positive definite.
-
-    ``M x = f`` is solved for a random f by conjugate gradients. If M has a null vector, the
-    component of f along it remains in the residual, and the Ritz values approach the eigenvalue
-    zero. They also approach negative eigenvalues.
-    """
-    x, force = mass.createVecs()
-    force.array = np.sqrt(mass.getDiagonal().array) * _random(mass)[:, 0]
-    ksp = PETSc.KSP().create(mass.comm)
-    ksp.setOperators(mass)
-    ksp.setComputeEigenvalues(True)
-    options = {
-        "ksp_type": "cg",
-        "ksp_rtol": _MISSED / np.sqrt(mass.size[0]),
-        "ksp_max_it": 300,
-        # On one rank, "eisenstat" is symmetric Gauss-Seidel at the cost of one product; PETSc 3.18
-        # does not have it for several ranks.
-        "pc_type": "eisenstat" if mass.getType() == "seqaij" else "sor",
-    }
-    with configured(ksp, "mass_check_", options):
-        ksp.solve(force, x)
-    ritz = ksp.computeEigenvalues().real
-    indefinite = ksp.getConvergedReason() in (
-        PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
-        PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
-    )
-    ksp.destroy()
-    ratio = ritz.min(initial=1.0) / ritz.max(initial=1e-300)
-    # The last iterate has grown along the null vector.
-    largest = int(np.argmax(np.concatenate(mass.comm.tompi4py().allgather(np.abs(x.array)))))
-    _require(
-        ratio > MASS_TOLERANCE and not indefinite,
-        f"mass is singular or not positive definite: relative eigenvalue {ratio:.1e}, limit "
-        f"{MASS_TOLERANCE:.0e}; the eigenvector is largest at {_row_label(largest)}",
-    )
 
 
 def _check_attachments(structure: Structure) -> None:
@@ -634,7 +392,7 @@ def _check_attachments(structure: Structure) -> None:
         columns = np.column_stack([vector.array for vector in three])
         mean = inner(columns, translations, comm)
         to, along = np.unravel_index(np.argmax(np.abs(mean - np.eye(3))), (3, 3))
-        _require(
+        require(
             abs(mean[to, along] - (to == along)) <= WEIGHT_TOLERANCE,
             f"attachment {name!r}: a unit translation along {'xyz'[along]} moves it by "
             f"{mean[to, along]:.6g} along {'xyz'[to]}, not {float(to == along):g}: "
@@ -643,7 +401,7 @@ def _check_attachments(structure: Structure) -> None:
         units[name] = columns / np.sqrt(comm.allreduce(np.sum(columns**2, axis=0)))
     for one, other in itertools.combinations(units, 2):
         both = np.hstack([units[one], units[other]])
-        _require(
+        require(
             np.linalg.eigvalsh(inner(both, both, comm))[0] > INDEPENDENT,
             f"attachments {one!r} and {other!r} are the same point: their load vectors are "
             "linearly dependent",
@@ -663,7 +421,7 @@ def check_surface(bore: BoreSurface, name: str) -> None:
     """
     nodes = len(bore.coordinates)
     pressures = len(bore.pressure_coordinates)
-    _require(min(nodes, pressures) > 0, f"{name} has {nodes} nodes and {pressures} pressure nodes")
+    require(min(nodes, pressures) > 0, f"{name} has {nodes} nodes and {pressures} pressure nodes")
     shapes = {
         "coordinates": (nodes, 3),
         "pressure_coordinates": (pressures, 3),
@@ -676,12 +434,12 @@ def check_surface(bore: BoreSurface, name: str) -> None:
         if array is None and key in ("nodes", "reference"):
             continue
         assert array is not None
-        _require(array.shape == shape, f"{name}.{key} has shape {array.shape}, not {shape}")
-        _require(
+        require(array.shape == shape, f"{name}.{key} has shape {array.shape}, not {shape}")
+        require(
             array.dtype.kind in "iuf" and np.isfinite(array).all(),
             f"{name}.{key} has a value that is not a finite number",
         )
-    _require(
+    require(
         0 < bore.radius < np.inf and 0 < bore.width < np.inf,
         f"{name}.radius {bore.radius:g} m or width {bore.width:g} m is not above 0",
     )
@@ -691,13 +449,13 @@ def check_surface(bore: BoreSurface, name: str) -> None:
         family = getattr(bore, f"{prefix}family")
         if cells.size or family:  # a mesh may be unknown
             surface_element(family, cells, f"{name}.{prefix}cells")
-            _require(
+            require(
                 cells.dtype.kind in "iu" and np.array_equal(np.unique(cells), np.arange(len(x))),
                 f"{name}.{prefix}cells must use each of the {len(x)} nodes",
             )
         radial = np.abs(np.linalg.norm(x[:, :2], axis=1) - bore.radius)
         off = np.maximum(radial, np.abs(x[:, 2]) - 0.5 * bore.width)
-        _require(
+        require(
             off.max() <= CYLINDER_TOLERANCE * bore.radius,
             f"{name}.{prefix}coordinates: node {np.argmax(off)} lies {off.max():.1e} m off the "
             f"cylinder of radius {bore.radius:.6g} m and width {bore.width:.6g} m about z, centred "
@@ -715,7 +473,7 @@ def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
     lowest = bore.nodes.min()
     highest = bore.nodes.max()
     last = structure.size // 3 - 1
-    _require(
+    require(
         bore.nodes.dtype.kind in "iu" and 0 <= lowest <= highest <= last,
         f"{name}.nodes are {lowest} to {highest}, but must be whole numbers from 0 to {last}",
     )
@@ -738,7 +496,7 @@ def _check_nodes(structure: Structure, bore: Bore, name: str) -> None:
     # Rotations are multiplied by the radius: displacements of the surface are compared.
     lever = np.r_[np.ones(3), np.full(3, bore.radius)]
     defect = np.abs(motion * lever[:, None] / lever - np.eye(6)).max()
-    _require(
+    require(
         defect <= REFERENCE_TOLERANCE,
         f"{name}.reference: the mean motion of a rigidly moved bore has a relative error of "
         f"{defect:.1e}, limit {REFERENCE_TOLERANCE:.0e}",
@@ -753,7 +511,7 @@ def _check_load(structure: Structure, bore: Bore, name: str) -> None:
     """
     columns = bore.load.size[1]
     pressures = len(bore.pressure_coordinates)
-    _require(
+    require(
         columns == pressures,
         f"{name}.load has {columns} columns, but there are {pressures} pressure nodes",
     )
@@ -767,11 +525,11 @@ def _check_load(structure: Structure, bore: Bore, name: str) -> None:
         for rows in (on_bore, ~on_bore)
     )
     swept = comm.allreduce(work) / (2 * np.pi * bore.radius * bore.width)
-    _require(
+    require(
         elsewhere <= ROUND_OFF * largest,
         f"{name}.load has forces on nodes that are not in {name}.nodes",
     )
-    _require(
+    require(
         abs(swept - 1) <= SWEPT_TOLERANCE,
         f"{name}.load: a uniform pressure pushes the bore outward with {swept:.3g} times the "
         "force on an area of 2 pi radius width: pressure must push outward, and units must agree",
@@ -781,13 +539,13 @@ def _check_load(structure: Structure, bore: Bore, name: str) -> None:
 def _check_centres(structure: Structure) -> None:
     """Refuse a first bore that is not at the origin, and nodes that belong to two bores."""
     first = structure.every_bore()[0]
-    _require(
+    require(
         np.abs(first.centre).max() <= CYLINDER_TOLERANCE * first.radius,
         f"{next(iter(structure.bores))}.centre is {first.centre.tolist()} m: the centre of the "
         "first bore must be the origin of the part",
     )
     numbers, uses = np.unique(structure.bore_nodes, return_counts=True)
-    _require(
+    require(
         uses.max() == 1,
         f"{', '.join(structure.bores)}: node {numbers[np.argmax(uses)]} occurs {uses.max()} times "
         "among the nodes of the bores, but must belong to one bore",

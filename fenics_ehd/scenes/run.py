@@ -219,11 +219,12 @@ def run_scene(
             verified=_verified_errors(built),
             progress=progress,
         )
+    inputs = _fingerprints(scene, built)
     return record_run(
         _recorder(scene, built),
         directory,
-        _about(scene, built) | {"versions": versions()},
-        _fingerprints(scene, built),
+        _about(scene, built) | {"versions": versions(), "inputs": inputs},
+        inputs,
         interval=interval,
         progress=progress,
         former=former,

@@ -3,7 +3,7 @@
 The paper has two machines, the slider-crank of section 4 and the rotor of section 5, which are the
 shipped scenes ``slider-crank-paper`` and ``rotor-paper``. The runs of all figures of a machine are
 a study of its scene. A figure needs the reference and some variants, which other figures of the
-same machine share.
+same machine share. Statements of the paper that belong to no figure need further variants.
 
 M1 and M2 have as many modes as M3 has vibration and residual modes together, as in the paper.
 """
@@ -13,12 +13,14 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.study.compare import StudyFolder
 from fenics_ehd.study.plan import (
     REFERENCE,
+    SELECTIONS,
     Scope,
     Study,
     Variant,
@@ -146,18 +148,53 @@ REFERENCES = {
 }
 
 
+def _selections(pressure_set: str, modes: Iterable[int]) -> tuple[Variant, ...]:
+    """M3 with all selections of residual modes and several numbers of them."""
+    return tuple(m3(pressure_set, selection, n) for n in modes for selection in SELECTIONS)
+
+
+#: Variants that only statements of the paper need, by scene; variants of figures may be among them.
+STATEMENT_VARIANTS: Mapping[str, tuple[Variant, ...]] = {
+    SLIDER_CRANK: (
+        # More than four times as many modes as M3 needs for one per cent.
+        *map(m2, (157, 247)),
+        *_selections("pc1", (16, 31, 61, 121)),
+        *_selections("pc2", ROD_RESIDUAL_MODES),
+        m3("pc2-long", "every-column", 40),
+        m3("pc2-short", "every-column", 40),
+    ),
+    ROTOR: (
+        m1(90),
+        m2(90),
+        *_selections("pc1", (20, 40, 80)),
+        *_selections("pc2", (20, 40, 80)),
+    ),
+}
+
+
 def figures_of(scene: str) -> list[PaperFigure]:
     """Figures of a machine, by the name of its scene."""
     return [figure for figure in FIGURES.values() if figure.scene == scene]
 
 
-def paper_study(scene: str, settings: Mapping[str, object] | None = None) -> Study:
+def paper_study(
+    scene: str, settings: Mapping[str, object] | None = None, *, statements: bool = False
+) -> Study:
     """Study with the runs of all figures of a machine.
 
-    `settings` replace those of the scene in all runs, by full key.
+    Parameters
+    ----------
+    scene
+        Name of the scene of the machine.
+    settings
+        Settings that replace those of the scene in all runs, by full key.
+    statements
+        Whether the runs that only statements need are included.
     """
     reference = REFERENCES[scene]
     variants = {v.name: v for figure in figures_of(scene) for v in figure.variants}
+    if statements:
+        variants |= {v.name: v for v in STATEMENT_VARIANTS[scene]}
     scope = Scope(
         methods=tuple(variants.values()),
         tolerances=(),
@@ -199,11 +236,13 @@ def parse_figures(text: str) -> tuple[int, ...]:
     return tuple(sorted(numbers))
 
 
-#: Processor time of the runs of figures, including their reductions, on one core of a virtual
-#: machine of 2026, by scene and run [s].
+#: Processor time of the runs, including their reductions, on one core of a virtual machine of 2026,
+#: by scene and run [s].
 SECONDS: Mapping[str, Mapping[str, float]] = {
     SLIDER_CRANK: {
         REFERENCE: 64,
+        OWN_ERROR: 30,
+        f"{REFERENCE}-basis": 30,
         "m1-22": 2.3,
         "m1-37": 2.6,
         "m1-67": 3.2,
@@ -217,10 +256,35 @@ SECONDS: Mapping[str, Mapping[str, float]] = {
         "m3-pc2-lowest-frequency-31": 2.4,
         "m3-pc2-lowest-frequency-61": 2.9,
         "m3-pc2-lowest-frequency-80": 3.6,
+        "m2-157": 3.0,
+        "m2-247": 3.0,
+        "m3-pc1-largest-eigenvalue-16": 3.0,
+        "m3-pc1-lowest-frequency-16": 3.0,
+        "m3-pc1-smallest-eigenvalue-16": 3.0,
+        "m3-pc1-largest-eigenvalue-31": 3.0,
+        "m3-pc1-lowest-frequency-31": 3.0,
+        "m3-pc1-smallest-eigenvalue-31": 3.0,
+        "m3-pc1-largest-eigenvalue-61": 3.0,
+        "m3-pc1-lowest-frequency-61": 3.0,
+        "m3-pc1-smallest-eigenvalue-61": 3.0,
+        "m3-pc1-largest-eigenvalue-121": 3.0,
+        "m3-pc1-lowest-frequency-121": 3.0,
+        "m3-pc1-smallest-eigenvalue-121": 3.0,
+        "m3-pc2-largest-eigenvalue-16": 3.0,
+        "m3-pc2-smallest-eigenvalue-16": 3.0,
+        "m3-pc2-largest-eigenvalue-31": 3.0,
+        "m3-pc2-smallest-eigenvalue-31": 3.0,
+        "m3-pc2-largest-eigenvalue-61": 3.0,
+        "m3-pc2-smallest-eigenvalue-61": 3.0,
+        "m3-pc2-largest-eigenvalue-80": 3.0,
+        "m3-pc2-smallest-eigenvalue-80": 3.0,
+        "m3-pc2-long-every-column-40": 3.0,
+        "m3-pc2-short-every-column-40": 3.0,
     },
     ROTOR: {
         REFERENCE: 58,
         OWN_ERROR: 43,
+        f"{REFERENCE}-basis": 43,
         "m1-30": 2.7,
         "m1-50": 4.6,
         "m2-30": 3.0,
@@ -228,6 +292,24 @@ SECONDS: Mapping[str, Mapping[str, float]] = {
         "m3-pc1-largest-eigenvalue-20": 2.9,
         "m3-pc1-largest-eigenvalue-40": 3.5,
         "m4-10-2e-03": 7.1,
+        "m1-90": 3.0,
+        "m2-90": 3.0,
+        "m3-pc1-lowest-frequency-20": 3.0,
+        "m3-pc1-smallest-eigenvalue-20": 3.0,
+        "m3-pc1-lowest-frequency-40": 3.0,
+        "m3-pc1-smallest-eigenvalue-40": 3.0,
+        "m3-pc1-largest-eigenvalue-80": 3.0,
+        "m3-pc1-lowest-frequency-80": 3.0,
+        "m3-pc1-smallest-eigenvalue-80": 3.0,
+        "m3-pc2-largest-eigenvalue-20": 3.0,
+        "m3-pc2-lowest-frequency-20": 3.0,
+        "m3-pc2-smallest-eigenvalue-20": 3.0,
+        "m3-pc2-largest-eigenvalue-40": 3.0,
+        "m3-pc2-lowest-frequency-40": 3.0,
+        "m3-pc2-smallest-eigenvalue-40": 3.0,
+        "m3-pc2-largest-eigenvalue-80": 3.0,
+        "m3-pc2-lowest-frequency-80": 3.0,
+        "m3-pc2-smallest-eigenvalue-80": 3.0,
     },
 }
 
@@ -277,6 +359,13 @@ def sum_of(estimates: Iterable[Estimate]) -> Estimate:
     return Estimate(
         sum(e.runs for e in each), sum(e.missing for e in each), sum(e.seconds for e in each)
     )
+
+
+def has_statement_runs(directory: Path, scene: str) -> bool:
+    """True if a folder with the runs of a machine has runs that only statements need."""
+    of_figures = {run for figure in figures_of(scene) for run in figure.runs}
+    names = {variant.name for variant in STATEMENT_VARIANTS[scene]} - of_figures
+    return any((directory / "runs" / name).is_dir() for name in names)
 
 
 def needed_runs(figures: Iterable[PaperFigure], scene: str) -> Sequence[str]:

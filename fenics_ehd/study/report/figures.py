@@ -21,9 +21,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 from fenics_ehd.film.transfer import interpolation_matrix
 from fenics_ehd.multibody.elastic_bore import bore_surface
 from fenics_ehd.multibody.history import History
+from fenics_ehd.multibody.summary import extreme_step
 from fenics_ehd.plotting.maps import ANGLES, NORMALS, draw_rasters, raster_of
 from fenics_ehd.plotting.picture import BLACK, BLUE, PRESSURES, RED, YELLOW, factor_of, plt
-from fenics_ehd.plotting.shown import film_grid
+from fenics_ehd.plotting.shown import TIME, ShownRun, film_grid
 from fenics_ehd.reduction.body import ReducedBody, load_body
 from fenics_ehd.reduction.bore import outward, rigid_fields
 from fenics_ehd.scenes.part_settings import ReductionSettings
@@ -499,6 +500,13 @@ def alike(study: StudyData) -> list[StudyRow]:
     return [min(members, key=distance) for members in runs if members] + best(study, "m4")
 
 
+def _time_label(study: StudyData) -> str:
+    """Label of the time axis: the curves of a periodic study are those of its last cycle."""
+    reference = study.history(REFERENCE)
+    periodic = reference is not None and reference.cycle.periodic
+    return "time in the cycle [ms]" if periodic else "time [ms]"
+
+
 def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
     """Draw pressure and film curves of some runs and of the reference over time.
 
@@ -519,7 +527,7 @@ def draw_methods(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
             axes.plot(
                 1e3 * history.time, values, color=colour(row), linestyle=dashes, label=sized(row)
             )
-        axes.set(xlabel="time [ms]", ylabel=curve.label)
+        axes.set(xlabel=_time_label(study), ylabel=curve.label)
         axes.margins(x=0)
         axes.set_ylim(bottom=0)
         if curve is FILM:
@@ -557,7 +565,7 @@ def draw_errors(study: StudyData, rows: Sequence[StudyRow]) -> Figure | None:
         axes.axhline(0, color="0.3", linewidth=0.8)
         axes.margins(x=0)
         of = "of the film" if curve is FILM else "of the reference's peak"
-        axes.set(xlabel="time [ms]", ylabel=f"error of {curve.title}\n[% {of}]")
+        axes.set(xlabel=_time_label(study), ylabel=f"error of {curve.title}\n[% {of}]")
         axes.set_xlim(left=1e3 * study.info["start"])
 
     errors = {
@@ -682,14 +690,18 @@ def draw_pressure(joint: JointData) -> Figure | None:
     if history is None:
         return None
     film_history = history.joints[joint.name]
-    moments = {
-        "highest pressure": int(film_history.max_pressure.argmax()),
-        "thinnest film": int(film_history.min_film_thickness.argmin()),
-    }
     grid = film_grid(film_history.film)
     pressure = 1e-6 * film_history.film.pressure
-    rasters = [
-        raster_of(grid, pressure[step], f"{moment}, {1e3 * history.time[step]:.3f} ms")
-        for moment, step in moments.items()
-    ]
+    shown = ShownRun(REFERENCE, history).joints[joint.name]
+    rasters = []
+    for moment, column in (
+        ("highest pressure", "max_pressure_Pa"),
+        ("thinnest film", "min_film_thickness_m"),
+    ):
+        step = extreme_step(column, film_history.columns[column])
+        time, value = shown.extreme(column, TIME) or (1e3 * history.time[step], None)
+        raster = raster_of(grid, pressure[step], f"{moment}, {time:.3f} ms")
+        if value is not None and column == "max_pressure_Pa":
+            raster = raster._replace(mark=(1e-6 * value, *raster.mark[1:]))
+        rasters.append(raster)
     return draw_rasters([rasters], "pressure [MPa]", PRESSURES)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import shlex
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -72,7 +73,8 @@ def render(
     )
     environment.filters |= {
         "base64": lambda name: b64encode(figures[name]).decode(),
-        "base64_of": lambda text: b64encode(text.encode()).decode(),
+        "base64_of": lambda content: b64encode(content).decode(),
+        "quoted": shlex.quote,
         "json": lambda values: (str if form == "html" else Markup)(
             json.dumps(values, indent=2, ensure_ascii=False)
         ),

@@ -12,8 +12,10 @@ from fenics_ehd.study.paper import VALUES, PaperFigure
 from fenics_ehd.study.report.figures import draw_errors, draw_methods
 from fenics_ehd.study.report.study_data import StudyData
 
-#: Typical safe film thickness of engine bearings in section 4.2 [um].
+#: Typical safe film thickness of engine bearings, h_safe in section 4.2 of the paper [um], and the
+#: number of the figure in which the paper has it.
 SAFE_FILM_THICKNESS = 2.5
+SAFE_FILM_FIGURE = 5
 
 
 def draw_figure(figure: PaperFigure, study: StudyData) -> Figure | None:
@@ -27,7 +29,7 @@ def draw_figure(figure: PaperFigure, study: StudyData) -> Figure | None:
     if figure.shown != VALUES:
         return draw_errors(study, rows)
     drawn = draw_methods(study, rows)
-    if drawn is not None:
+    if drawn is not None and figure.number == SAFE_FILM_FIGURE:
         _draw_safe_film(drawn)
     return drawn
 
@@ -36,8 +38,12 @@ def _draw_safe_film(figure: Figure) -> None:
     """Draw the line of a safe film thickness into the panel of the film."""
     axes = figure.axes[1]
     axes.axhline(SAFE_FILM_THICKNESS, color="0.3", linestyle=(0, (1, 2)), linewidth=1.2)
-    axes.annotate("safe film of engine bearings", (0.02, SAFE_FILM_THICKNESS), fontsize=7.5,
-                  xycoords=("axes fraction", "data"), va="top")  # fmt: skip
+    text = (
+        f"h_safe ≈ {SAFE_FILM_THICKNESS} µm, typical of engine bearings\n"
+        "(section 4.2 and Fig. 5b of the paper)"
+    )
+    axes.annotate(text, (0.02, SAFE_FILM_THICKNESS), xytext=(0, -2), textcoords="offset points",
+                  xycoords=("axes fraction", "data"), va="top", fontsize=7.5)  # fmt: skip
 
 
 def write_figure(figure: PaperFigure, study: StudyData, directory: Path) -> list[Path]:

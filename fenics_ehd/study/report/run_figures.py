@@ -1,14 +1,17 @@
-"""Tables of a run's report: every figure of its summary once, with its estimated error.
+"""Tables of a run's report: the figures of its summary, with their estimated errors.
 
 A row has one figure for each joint. An extreme has its position, instant and angle in the same
 cell. A figure of the last cycle that equals the same figure of the complete search for a periodic
-solution shares its cell.
+solution shares its cell. A figure that is zero, or a mean that is zero within its error, has no
+error and no position. A row of such figures is not in the table: the label of the row is listed
+below the table.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -45,6 +48,27 @@ LABELS = {
     "min_film_thickness_m": "minimum film (MOFT)",
     "max_force_N": "largest load",
     "mean_force_N": "mean load",
+    "mean_friction_torque_Nm": "mean friction torque on the journal",
+    "mean_bore_friction_torque_Nm": "mean friction torque on the bore",
+    "mean_friction_power_W": "mean friction power loss",
+    "mean_journal_friction_power_W": "mean friction power from the journal",
+    "mean_bore_friction_power_W": "mean friction power from the bore",
+    "mean_film_power_W": "mean power into the film",
+    "mean_dissipated_power_W": "mean heat in the film",
+    "mean_supply_power_W": "mean power of the oil supply",
+    "mean_contact_force_N": "mean contact force",
+    "mean_contact_power_W": "mean boundary friction power",
+    "mean_contact_share": "mean share of the load on asperities",
+    "mean_contact_area_share": "mean share of the bore in contact",
+    "mean_unpublished_share": "mean share of the bore too rough for the flow factors",
+    "mean_oil_content_m3": "mean oil in the film",
+    "oil_content_at_start_m3": "oil in the film at the start",
+    "oil_content_at_end_m3": "oil in the film at the end",
+    "oil_balance_defect": "error of the oil balance / oil",
+    "mean_side_flow_m3_per_s": "mean flow out at the sides",
+    "mean_leaving_flow_m3_per_s": "mean flow of oil that carries heat",
+    "mean_supply_flow_m3_per_s": "mean flow from the supply",
+    "max_contact_pressure_Pa": "largest contact pressure",
     "max_eccentricity_ratio": "largest eccentricity / clearance",
     "max_specific_load_Pa": "largest specific load F / (2 R B)",
     "mean_specific_load_Pa": "mean specific load F / (2 R B)",
@@ -67,6 +91,15 @@ LABELS = {
 
 #: Prefix of figures of the last complete cycle.
 CYCLE = "cycle_"
+
+#: Prefix of means over time.
+MEAN = "mean_"
+
+#: Means that are zero if they are round-off next to another column, by their own column.
+COMPARED = {"contact_force_N": "force_N", "contact_power_W": "friction_power_W"}
+
+#: Means below this share of their scale are zero: round-off of sums over a film.
+ROUND_OFF = 1e-9
 
 #: Words before the value of a position by the end of its name; the first match is used.
 POSITIONS = {
@@ -103,6 +136,8 @@ class Cell:
         Full names of the figures with this value, ``big_end.max_pressure_Pa``.
     value, bound
         Texts of the value with its unit, and of its error; the latter is empty for exact values.
+    zero
+        Whether the value is zero, or cannot be distinguished from zero.
     positions
         Positions of an extreme.
     """
@@ -110,6 +145,7 @@ class Cell:
     names: list[str]
     value: str
     bound: str
+    zero: bool = False
     positions: list[Position] = field(default_factory=list)
 
 
@@ -120,24 +156,31 @@ class Row:
     label: str
     cells: tuple[Cell | None, ...]
 
+    @property
+    def zero(self) -> bool:
+        """Whether all cells of the row are zero."""
+        return all(cell.zero for cell in self.cells if cell)
+
 
 @dataclass(frozen=True)
 class Block:
     """A table of figures: its caption, the headings of its columns, and its rows.
 
-    Without headings, the figures follow each other in a paragraph.
+    Without headings, the figures follow each other in a paragraph. Rows in `zero` are those whose
+    cells are all zero; the page has their labels only.
     """
 
     caption: str
     heads: tuple[str, ...]
     rows: tuple[Row, ...]
+    zero: tuple[Row, ...] = ()
 
 
-def number_text(value: float) -> str:
+def number_text(value: float, digits: int = 4) -> str:
     """Text of a number with four significant digits, without an exponent for usual sizes."""
     if value == 0.0 or not 1e-3 <= abs(value) < 1e6:
-        return f"{value:.4g}".replace("e-0", "e-").replace("-", "−")
-    text = np.format_float_positional(value, 4, unique=False, fractional=False, trim="-")
+        return f"{value:.{digits}g}".replace("e-0", "e-").replace("-", "−")
+    text = np.format_float_positional(value, digits, unique=False, fractional=False, trim="-")
     return text.replace("-", "−")
 
 
@@ -151,9 +194,18 @@ def value_text(figure: Figure) -> str:
     return _with_unit(figure.value, figure.name)
 
 
-def _with_unit(value: float, name: str) -> str:
+def _with_unit(value: float, name: str, digits: int = 4) -> str:
     factor, unit = unit_of_figure(name)
-    return f"{number_text(factor * value)}{'' if unit == '°' else ' '}{unit}".rstrip()
+    return f"{number_text(factor * value, digits)}{'' if unit == '°' else ' '}{unit}".rstrip()
+
+
+def position_text(figure: Figure) -> str:
+    """Text of the position of an extreme; an angle has one decimal, a height two."""
+    if figure.name.endswith("_height_m"):
+        return f"{round(1e3 * figure.value, 2) + 0.0:g} mm".replace("-", "−")
+    if figure.unit == "deg":
+        return f"{figure.value + 0.0:.1f}°".replace("-", "−")
+    return value_text(figure)
 
 
 def bound_text(figure: Figure) -> str:
@@ -163,7 +215,7 @@ def bound_text(figure: Figure) -> str:
     if figure.relative is not None:
         text = f"± {100 * figure.relative:.2g} %".replace("e-0", "e-")
     else:
-        text = f"± {_with_unit(figure.error, figure.name)}"
+        text = f"± {_with_unit(figure.error, figure.name, 2)}"
     return ", ".join(filter(None, (text, figure.reason)))
 
 
@@ -177,7 +229,35 @@ def label_of(name: str) -> str:
     return words.replace("_per_rad", "").replace("_", " ").replace(".", ": ")
 
 
-def figure_blocks(figures: Sequence[Figure], body: str, *, searched: bool) -> list[Block]:
+#: Type for columns of every joint over time, by the name of the joint and of the column.
+JointColumns = Mapping[str, Mapping[str, np.ndarray]]
+
+
+def is_zero(figure: Figure, columns: Mapping[str, np.ndarray]) -> bool:
+    """Whether a figure is zero, or a mean that is zero within its error or within round-off.
+
+    `columns` has the columns of the joint of the figure, whose means are figures. Angles and
+    temperatures are never zero: their zero is an arbitrary value.
+    """
+    if figure.unit in ("deg", "C"):
+        return False
+    column = figure.name.removeprefix(CYCLE).removeprefix(MEAN)
+    if column == figure.name.removeprefix(CYCLE):
+        return figure.value == 0.0
+    scale = 1.0 if column.endswith("_share") else 0.0
+    for name in (column, COMPARED.get(column, column)):
+        if name in columns:
+            scale = max(scale, float(np.max(np.abs(columns[name]), initial=0.0)))
+    return abs(figure.value) <= max(figure.error or 0.0, ROUND_OFF * scale)
+
+
+def figure_blocks(
+    figures: Sequence[Figure],
+    body: str,
+    *,
+    searched: bool,
+    columns: JointColumns = MappingProxyType({}),
+) -> list[Block]:
     """Tables of all figures of a run: those of the joints, and those of the run.
 
     Parameters
@@ -188,12 +268,18 @@ def figure_blocks(figures: Sequence[Figure], body: str, *, searched: bool) -> li
         Name of the body whose angle is the reference angle.
     searched
         Whether the run searched a periodic solution, so that figures are those of a cycle.
+    columns
+        Columns of the joints over time, which are the scales of their means.
     """
     joints = tuple(dict.fromkeys(figure.joint for figure in figures if figure.joint))
     blocks = []
     if joints:
         cells = {
-            joint: _cells([figure for figure in figures if figure.joint == joint], body)
+            joint: _cells(
+                [figure for figure in figures if figure.joint == joint],
+                body,
+                columns.get(joint, {}),
+            )
             for joint in joints
         }
         names = list(dict.fromkeys(name for column in cells.values() for name in column))
@@ -205,10 +291,13 @@ def figure_blocks(figures: Sequence[Figure], body: str, *, searched: bool) -> li
             for name in _main_first(names)
         )
         span = "over the last cycle" if searched else "over the run"
-        blocks.append(Block(f"Results of the oil films, {span}", joints, rows))
+        shown = tuple(row for row in rows if not row.zero)
+        zero = tuple(row for row in rows if row.zero)
+        blocks.append(Block(f"Results of the oil films, {span}", joints, shown, zero))
     of_run = [figure for figure in figures if not figure.joint]
     if of_run:
-        rows = tuple(Row(label_of(name), (cell,)) for name, cell in _cells(of_run, body).items())
+        cells_of_run = _cells(of_run, body, None)
+        rows = tuple(Row(label_of(name), (cell,)) for name, cell in cells_of_run.items())
         blocks.append(Block("The run", (), rows))
     return blocks
 
@@ -227,10 +316,13 @@ def _main_first(names: Sequence[str]) -> list[str]:
     return [*dict.fromkeys(name for name in (*order, *names) if name in names)]
 
 
-def _cells(figures: Iterable[Figure], body: str) -> dict[str, Cell]:
+def _cells(
+    figures: Iterable[Figure], body: str, columns: Mapping[str, np.ndarray] | None
+) -> dict[str, Cell]:
     """Cells of one joint by the name of their figure; positions belong to the figure they follow.
 
-    `body` is the body whose angle is the reference angle.
+    `body` is the body whose angle is the reference angle, `columns` are the columns of the joint.
+    Without columns, no figure counts as zero.
     """
     by_name = {figure.name: figure for figure in figures}
     main = {name: figure for name, figure in by_name.items() if figure.reason != POSITION}
@@ -242,7 +334,9 @@ def _cells(figures: Iterable[Figure], body: str) -> dict[str, Cell]:
             cells[former].names.append(_full(figure))
             shared[name] = former
         else:
-            cells[name] = Cell([_full(figure)], value_text(figure), bound_text(figure))
+            zero = columns is not None and is_zero(figure, columns)
+            value = _with_unit(0.0, name) if zero else value_text(figure)
+            cells[name] = Cell([_full(figure)], value, "" if zero else bound_text(figure), zero)
     for name, figure in by_name.items():
         if figure.reason != POSITION:
             continue
@@ -255,7 +349,7 @@ def _cells(figures: Iterable[Figure], body: str) -> dict[str, Cell]:
             cells[name] = Cell([_full(figure)], value_text(figure), "")
             continue
         words = POSITIONS[end].format(body="crank" if body in ("", CRANK) else body)
-        text = f"{words}{value_text(figure)}"
+        text = f"{words}{position_text(figure)}"
         cells[shared.get(owner, owner)].positions.append(Position((_full(figure),), text))
     return cells
 

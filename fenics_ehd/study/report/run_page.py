@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
+import numpy as np
 
 from fenics_ehd.base.files import SCENE_NAME, claim, require_writable, write_whole
 from fenics_ehd.multibody.cycle import CRANK
@@ -20,10 +21,12 @@ from fenics_ehd.multibody.history import CSV_NAME, History, load_history
 from fenics_ehd.multibody.verdict import COMPLETE
 from fenics_ehd.plotting.picture import SETTINGS, plt, svg_of
 from fenics_ehd.plotting.shown import ShownRun
-from fenics_ehd.results.recorded_run import REPORT
-from fenics_ehd.scenes.scene import as_stored, input_files
+from fenics_ehd.reduction.body import ReducedBody, load_body
+from fenics_ehd.results.recorded_run import BODY_FILE, REPORT
+from fenics_ehd.scenes.scene import Scene, as_stored, flexible
 from fenics_ehd.study.report.page import render
 from fenics_ehd.study.report.run_figures import bound_text, figure_blocks, value_text
+from fenics_ehd.study.report.run_inputs import input_names, run_inputs
 from fenics_ehd.study.report.run_pictures import deciding_pictures
 from fenics_ehd.study.report.scene_words import scene_entries
 
@@ -71,26 +74,50 @@ def content_of(folder: Path, history: History) -> dict[str, Any]:
     content: dict[str, Any] = {
         "title": f"Report of the run {summary.get('scene') or folder.resolve().name}",
         "lead": list(_answer(history, figures)),
-        "blocks": figure_blocks(figures, body, searched="cycles" in summary),
+        "blocks": figure_blocks(
+            figures, body, searched="cycles" in summary, columns=_columns(history)
+        ),
         "body": body,
+        "searched": history.cycle.periodic,
         "notices": list(_notices(summary)),
         "versions": summary.get("versions", {}),
-        "checksums": {
-            name: hashlib.sha256((folder / name).read_bytes()).hexdigest()
-            for name in (SCENE_NAME, CSV_NAME)
-            if (folder / name).is_file()
-        },
         "entries": [],
-        "scene_text": "",
-        "inputs": [],
+        "files": [],
+        "result_digest": "",
     }
+    table = folder / CSV_NAME
+    if table.is_file():
+        content["result_digest"] = hashlib.sha256(table.read_bytes()).hexdigest()
     path = folder / SCENE_NAME
     if path.is_file():
         scene = as_stored(path)
-        content["entries"] = list(scene_entries(scene, history))
-        content["scene_text"] = path.read_text(encoding="utf-8")
-        content["inputs"] = [str(file) for file in input_files("", scene)]
+        name = f"{summary.get('scene') or 'scene'}.toml"
+        text = path.read_text(encoding="utf-8")
+        files = input_names(scene)
+        entries = scene_entries(scene, history, _parts(folder, scene))
+        content["entries"] = [entry._replace(words=_with(files, entry.words)) for entry in entries]
+        content["files"] = run_inputs(text, scene, name, summary.get("inputs"))
+        notes = (f"{file.name}: {file.note}" for file in content["files"] if file.note)
+        content["notices"] += notes
     return content
+
+
+def _columns(history: History) -> dict[str, Mapping[str, np.ndarray]]:
+    """Columns of all lubricated joints over time, by the name of the joint."""
+    return {name: joint.columns for name, joint in history.joints.items()}
+
+
+def _parts(folder: Path, scene: Scene) -> dict[str, ReducedBody]:
+    """Flexible bodies in the folder of a run, by name; those without a file are left out."""
+    paths = {name: folder / BODY_FILE.format(name) for name in flexible(scene)}
+    return {name: load_body(path) for name, path in paths.items() if path.is_file()}
+
+
+def _with(names: Mapping[str, str], words: str) -> str:
+    """Replace paths in a text by `names`."""
+    for path, name in names.items():
+        words = words.replace(path, name)
+    return words
 
 
 def _answer(history: History, figures: Sequence[Figure]) -> Iterator[str]:
@@ -99,7 +126,7 @@ def _answer(history: History, figures: Sequence[Figure]) -> Iterator[str]:
     if history.status == COMPLETE:
         cycles = history.cycles
         yield (
-            f"The run is complete: it is periodic after {cycles} cycles."
+            f"The run is complete, and periodic after {cycles} cycles."
             if cycles
             else "The run is complete."
         )
@@ -114,7 +141,8 @@ def _answer(history: History, figures: Sequence[Figure]) -> Iterator[str]:
             worst = choose(extremes, key=lambda figure: figure.value)
             bound = bound_text(worst)
             value = " ".join(filter(None, (value_text(worst), bound if "±" in bound else "")))
-            yield f"{words}: {value} in {worst.joint}."
+            alike = (figure.joint for figure in extremes if value_text(figure) == value_text(worst))
+            yield f"{words}: {value} in {' and '.join(alike)}."
     if "cycle_used" in summary and not history.cycle.periodic:
         yield f"Results marked as those of the last cycle are from the {summary['cycle_used']}."
 

@@ -1,14 +1,16 @@
 """A scene in words: bodies, joints, oils, drives, forces and time span, one sentence each.
 
 A sentence has the kind of the entry and every setting that differs from its default, with unit.
-Flexible bodies and lubricated joints also have results of the run: method and number of modes, film
-mesh, and sizes that a joint takes from its flexible bore.
+Flexible bodies also have mass, moment of inertia, sizes and mesh of the part, with its reduction.
+Lubricated joints have the sizes that they take from a flexible bore, and the mesh of the film.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from math import pi
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import attrs
@@ -18,7 +20,9 @@ from fenics_ehd.base.settings import declared
 from fenics_ehd.base.units import RPM, unit_of
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.joints import Speed
+from fenics_ehd.multibody.shaft import Shaft
 from fenics_ehd.plotting.shown import film_grid
+from fenics_ehd.reduction.body import ReducedBody
 from fenics_ehd.scenes.scene import GROUND, Scene
 from fenics_ehd.scenes.schema import FlexibleSettings, LubricatedSettings
 
@@ -31,9 +35,39 @@ SCALES: Mapping[str, tuple[tuple[float, float, str], ...]] = {
 #: Settings that are not written: points, the state at the start, and a limit of the solver.
 SKIPPED = ("points", "position", "velocity", "eccentricity", "eccentricity_rate", "smallest_film")
 
+#: Words for settings whose name does not explain them.
+NAMES = {
+    "inertia": "moment of inertia",
+    "centre": "centre of mass",
+    "angle": "angle at the start",
+    "friction": "shear stress of the oil acts on the bodies",
+}
+
 #: Words for a film element by the name of its family.
 ELEMENTS = {"lagrange": "9-node", "serendipity": "8-node", "bilinear": "bilinear"}
 
+#: Words for the elements of a part by the settings `cells` and `element`.
+CELLS = {
+    ("hex", "serendipity"): "20-node hexahedra",
+    ("hex", "lagrange"): "27-node hexahedra",
+    ("tet", "serendipity"): "10-node tetrahedra",
+    ("tet", "lagrange"): "10-node tetrahedra",
+}
+
+#: Sentences about entries with few settings, by the kind of the entry; names in braces are
+#: settings.
+SENTENCES = {
+    "revolute": "pin joint without play of {between[0]} and {between[1]}",
+    "fixed": "rigid connection of {between[0]} and {between[1]}",
+    "slider": "slider without play: {point} moves along a line through {line}",
+    "constant": "constant force on {point}",
+    "time-table": "force over time on {point}, table {file}",
+    "angle-table": "force over the angle of {angle_of} on {point}, table {file}",
+    "unbalance": "unbalance at {point}",
+    "rotating": "rotating force on {point}",
+    "spring-damper": "spring and damper between {between[0]} and {between[1]}",
+}  #: Smallest coordinate of a centre of mass that is not round-off [m].
+ROUNDING = 1e-9
 
 #: Words for one entry of a table of a scene.
 TABLES = {
@@ -65,6 +99,7 @@ def setting_text(value: Any, unit: str = "") -> str:
     """Text of a setting with its unit, in the larger or smaller unit of `SCALES` that fits."""
     if isinstance(value, bool):
         return "yes" if value else "no"
+    unit = unit.replace("m2", "m²").replace("m3", "m³").replace("s2", "s²")
     if isinstance(value, list | tuple):
         parts = ", ".join(setting_text(part) for part in value)
         return f"({parts}) [{unit}]" if "," in unit else f"({parts}) {unit}".rstrip()
@@ -76,7 +111,7 @@ def setting_text(value: Any, unit: str = "") -> str:
             factor = scale
             unit = name
             break
-    return f"{factor * value:.6g} {unit.replace('m2', 'm²').replace('m3', 'm³')}".rstrip()
+    return f"{factor * value:.6g}{'°' if unit == 'degrees' else f' {unit}'}".rstrip()
 
 
 def changed_settings(
@@ -96,7 +131,7 @@ def changed_settings(
             continue
         if value == default and not defaults:
             continue
-        name = field.name.replace("_", " ")
+        name = NAMES.get(field.name, field.name.replace("_", " "))
         if attrs.has(type(value)):
             texts += [f"{name}: {', '.join(changed_settings(value)) or 'as by default'}"]
         elif isinstance(value, Mapping):
@@ -105,76 +140,159 @@ def changed_settings(
                 for key, entry in value.items()
                 if attrs.has(type(entry))
             ]
+        elif isinstance(value, bool):
+            texts.append(name if value else f"{name}: no")
         else:
             unit = unit_of(field.metadata.get("help", ""))
             texts.append(f"{name} {setting_text(value, unit if unit != '-' else '')}")
     return texts
 
 
-def scene_entries(scene: Scene, history: History) -> Iterator[Entry]:
-    """Yield a sentence for every entry of a scene, from its settings and the history of its run."""
+def scene_entries(
+    scene: Scene, history: History, parts: Mapping[str, ReducedBody] = MappingProxyType({})
+) -> Iterator[Entry]:
+    """Yield a sentence for every entry of a scene.
+
+    Parameters
+    ----------
+    scene, history
+        Scene, and history of its run.
+    parts
+        Reduced flexible bodies of the run by name; the sentences of others lack mass and mesh.
+    """
     for table, word in TABLES.items():
         for name, settings in getattr(scene, table).items():
-            kind = str(scene.tables.get(table, {}).get(name, {}).get("kind", ""))
             if table == "bodies" and name == GROUND:
                 continue
+            kind = str(scene.tables.get(table, {}).get(name, {}).get("kind", ""))
             if isinstance(settings, FlexibleSettings):
-                words = _flexible(settings, history.summary().get("bodies", {}).get(name, {}))
+                words = _flexible(settings, parts.get(name))
             elif isinstance(settings, LubricatedSettings):
                 words = _lubricated(name, settings, history)
-            elif isinstance(settings, Speed) and settings.speed:
-                words = [
-                    f"speed {settings.speed:.6g} rad/s ({settings.speed * RPM:.5g} rpm)",
-                    *changed_settings(settings, ("speed",)),
-                ]
+            elif isinstance(settings, Speed):
+                words = _speed(settings)
             else:
-                texts = changed_settings(settings)
-                if table == "forces":
-                    texts = texts or changed_settings(settings, defaults=True)
-                words = [kind.replace("-", " "), *texts]
+                words = _other(kind, settings)
+            if table == "bodies":
+                words += _points(settings)
             yield Entry(word, name, ", ".join(filter(None, words)))
     yield Entry("time", "", _time(scene))
 
 
-def _flexible(body: FlexibleSettings, reduced: Mapping[str, Any]) -> list[str]:
-    """Words about a flexible body: source, material, and its reduction in the run."""
-    words = [f"elastic part of {body.model}"]
+def _other(kind: str, settings: Any) -> list[str]:
+    """Words about an entry without a sentence of its own: its kind, and changed settings."""
+    if kind not in SENTENCES:
+        words = changed_settings(settings, defaults=kind == "gravity")
+        mass = [f"mass {settings.mass:.4g} kg"] if isinstance(settings, Shaft) else []
+        of_kind = [] if kind == "oil" else [kind]
+        return [*of_kind, *mass, *words]
+    sentence = SENTENCES[kind].format_map(vars_of(settings))
+    named = tuple(re.findall(r"{(\w+)", SENTENCES[kind]))
+    return [sentence, *changed_settings(settings, named)]
+
+
+def vars_of(settings: Any) -> dict[str, Any]:
+    """Values of the settings of an entry, by name."""
+    return {field.name: getattr(settings, field.name) for field in declared(type(settings))}
+
+
+def _speed(drive: Speed) -> list[str]:
+    """Words about a drive with a given speed."""
+    if not drive.speed:
+        return [f"speed over time, table {drive.table}", *changed_settings(drive, ("table",))]
+    turns = f"{drive.speed * RPM:.5g} 1/min"
+    return [f"speed {drive.speed:.6g} rad/s ({turns})", *changed_settings(drive, ("speed",))]
+
+
+def _points(body: Any) -> list[str]:
+    """Words with the positions of the points of a body."""
+    points = getattr(body, "points", {})
+    if not isinstance(points, Mapping):
+        return []
+    return [
+        f"point {name} at {position:g} of the length"
+        if isinstance(position, int | float)
+        else f"point {name} at {_position(position)}"
+        for name, position in points.items()
+    ]
+
+
+def _position(position: Sequence[float]) -> str:
+    """Text of a position in the frame of a body, in mm."""
+    return f"({', '.join(f'{1e3 * x + 0.0:.4g}' for x in position)}) mm"
+
+
+def _flexible(body: FlexibleSettings, part: ReducedBody | None) -> list[str]:
+    """Words about a flexible body: source, sizes, mass, material, mesh, and reduction."""
     if body.model == NONE:
         words = [f"elastic part from the file {body.body}"]
     else:
-        words.append(
-            f"Young's modulus {setting_text(body.material.youngs_modulus, 'Pa')}, density "
-            f"{body.material.density:g} kg/m3"
+        sizes = (
+            f"{name.replace('_', ' ')} {setting_text(value, 'm')}"
+            for name, value in body.geometry.items()
+            if name not in body.cell_counts
         )
+        material = body.material
+        words = [
+            f"elastic part of the model {body.model}",
+            *sizes,
+            f"Young's modulus {setting_text(material.youngs_modulus, 'Pa')}",
+            f"Poisson's ratio {material.poissons_ratio:g}",
+            f"density {setting_text(material.density, 'kg/m3')}",
+        ]
+    words += changed_settings(body, WRITTEN)
+    if part is not None and body.clamped == NONE:
+        words += _mass(body, part)
+    elif body.clamped != NONE:
+        words.append(f"held at {body.clamped}")
+    if body.model != NONE:
         counts = (f"{name.replace('_', ' ')} {body.geometry[name]:g}" for name in body.cell_counts)
-        if mesh := ", ".join(counts):
-            words.append(f"mesh: {mesh}")
-    if "method" in reduced:
-        words.append(f"reduced by {reduced['method'].upper()} to {reduced['modes']} modes")
-    if body.damping_time:
-        words.append(f"damping time {body.damping_time:g} s")
+        words.append(f"mesh of {CELLS[body.cells, body.element]}: {', '.join(counts)}".rstrip(": "))
+    if part is not None:
+        unknowns = part.provenance.get("degrees_of_freedom")
+        reduced = f"reduced by {part.method.upper()} to {part.modes} modes"
+        words.append(f"{unknowns} unknowns, {reduced}" if unknowns else reduced)
     return words
+
+
+#: Settings of a flexible body that `_flexible` writes in its own words.
+WRITTEN = ("model", "body", "bores", "clamped", "cells", "element", "mass", "inertia", "centre",
+           "material", "geometry", "reduction")  # fmt: skip
+
+
+def _mass(body: FlexibleSettings, part: ReducedBody) -> list[str]:
+    """Words about mass, moment of inertia and centre of mass of a flexible body.
+
+    Settings of the scene that are not zero replace those of the meshed part.
+    """
+    inertia = part.inertia
+    centre = body.centre if any(body.centre) else inertia.centre_of_mass
+    return [
+        f"mass {body.mass or inertia.total_mass:.4g} kg",
+        f"moment of inertia {body.inertia or inertia.polar_inertia:.4g} kg m² about the centre of "
+        f"mass at {_position([float(x) if abs(x) > ROUNDING else 0.0 for x in centre])}",
+    ]
 
 
 def _lubricated(name: str, joint: LubricatedSettings, history: History) -> list[str]:
     """Words about a lubricated joint: sides, sizes, oil, film mesh, and settings of its models."""
     words = [f"oil film between journal {joint.journal} and bore {joint.bore}"]
+    clearance = f"radial clearance {setting_text(joint.clearance, 'm')}"
+    mesh = ""
     if name in history.joints:
         film = history.joints[name].film
         grid = film_grid(film)
-        words.append(
-            f"bore diameter {2e3 * float(film.radius):.6g} mm, width {1e3 * grid.width:.6g} mm"
-        )
-    words.append(f"radial clearance {setting_text(joint.clearance, 'm')}")
-    if name in history.joints:
+        radius = float(film.radius)
+        words.append(f"bore diameter {2e3 * radius:.6g} mm, width {1e3 * grid.width:.6g} mm")
+        clearance += f" ({1e3 * joint.clearance / radius:.3g} ‰ of the radius)"
         around, along = grid.cells
-        words.append(f"film mesh {around} × {along} ({ELEMENTS.get(joint.element, joint.element)})")
-    words.append(
-        f"viscosity {joint.viscosity:g} Pa s" if joint.lubricant == NONE else f"{joint.lubricant}"
-    )
+        mesh = f"film mesh {around} × {along} ({ELEMENTS.get(joint.element, joint.element)})"
+    oil = f"lubricant {joint.lubricant}"
+    if joint.lubricant == NONE:
+        oil = f"viscosity {setting_text(joint.viscosity, 'Pa s')}"
     skipped = ("journal", "bore", "clearance", "lubricant", "viscosity", "radius", "width", "cells",
                "element")  # fmt: skip
-    return [*words, *changed_settings(joint, skipped)]
+    return [*words, clearance, oil, mesh, *changed_settings(joint, skipped)]
 
 
 def _time(scene: Scene) -> str:
@@ -187,4 +305,7 @@ def _time(scene: Scene) -> str:
         span += f", {turns:.6g} revolution{'s' * (turns != 1)} of {time.of}"
     if time.periodic:
         span = f"cycles of {span}, until the films repeat within {time.periodicity:g}"
-    return f"{span}; step tolerance {time.tolerance:g}, formulas of order up to {time.order}"
+    return (
+        f"{span}; backward differentiation of order {time.order} at most, local error of a step at "
+        f"most {time.tolerance:g} of the gap"
+    )

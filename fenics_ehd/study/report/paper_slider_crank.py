@@ -1,4 +1,4 @@
-"""Statements of section 4.2, the slider-crank, and those of section 6 that it can tell."""
+"""Statements of the paper about the slider-crank: section 4.2, and some of section 6."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from paper_statement import (
+from scipy import stats
+
+from fenics_ehd.multibody.recorded_quantities import JointResult
+from fenics_ehd.reduction.body import ReducedBody, load_body
+from fenics_ehd.study.report.figures import family
+from fenics_ehd.study.report.paper_statement import (
     FAILS,
     HOLDS,
     PARTLY,
@@ -34,38 +39,29 @@ from paper_statement import (
     too_stiff,
     verdict,
 )
-from scipy import stats
+from fenics_ehd.study.report.study_data import JointData, StudyRow
 
-import fenics_ehd as ehd
-from fenics_ehd.multibody.recorded_quantities import JointResult
-from fenics_ehd.study.report.figures import family
-from fenics_ehd.study.report.study_data import (
-    JointData,
-    StudyRow,
-)
-
-#: Plateau of the peak pressure [s].
+#: Beginning and end of the plateau of the peak pressure [s].
 PLATEAU = (6e-3, 8e-3)
 
-
-#: Coordinates of the paper's M2 with 127 modes.
+#: Number of coordinates of the paper's M2 with 127 modes.
 M2_SIZE = 129
 
-#: n_r of the paper's M3, and what the rule (31)-(32) is tried with.
+#: Columns of M3 with 31 residual modes, as in figure 8; the rule (31)-(32) is judged by these runs.
 FEW: dict[str, Any] = {"method": "m3", "pressure_set": "pc2", "residual_modes": 31}
 
-#: Residual modes of the paper's reference; M1 and M2 with 127 modes are compared with the second.
+#: Numbers of residual modes that are close to those of the paper's reference.
 RICH = (60, 61)
 
-#: (31)-(32) as printed.
+#: Selection of residual modes by (31)-(32) as printed.
 LITERAL = "smallest-eigenvalue"
 
-#: Two single measurements of a time that differ by less than this factor are equal.
+#: Ratio up to which two run times count as equal, because each is measured only once.
 EQUAL_TIMES = 1.3
 
 
 def rich_reference(joint: JointData) -> Finding:
-    """M3 with about 60 residual modes of unit pressures against the full interface."""
+    """Judge M3 with about 60 residual modes of unit pressures by the full interface."""
     unit = {"method": "m3", "pressure_set": "pc1"}
     runs = [row for number in RICH for row in ended(joint, **unit, residual_modes=number)]
     need(runs, "M3 pc1 with 60 residual modes")
@@ -74,25 +70,25 @@ def rich_reference(joint: JointData) -> Finding:
 
 
 def m1_stiff(joint: JointData) -> Finding:
-    """M1 at high loads, any number of coordinates."""
+    """Judge the pressures of M1 at high loads, with any number of coordinates."""
     return too_stiff(joint, need(ended(joint, method="m1"), "M1"))
 
 
 def m2_stiff(joint: JointData) -> Finding:
-    """M2 with 127 modes at high loads."""
+    """Judge the pressures of M2 with 127 modes at high loads."""
     runs = of_size(joint, M2_SIZE, method="m2")
     return too_stiff(joint, need(runs, f"M2 with about {M2_SIZE} coordinates"))
 
 
 def enough_with_31(joint: JointData) -> Finding:
-    """M3 with pressure shapes and 31 residual modes, the best of its selections."""
+    """Judge M3 with pressure shapes and 31 residual modes by the best of its selections."""
     runs = need(ended(joint, **FEW), "M3 pc2 with 31 residual modes")
     best = min(row.worst_error for row in runs)
     return Finding("; ".join(map(description, runs)), HOLDS if best <= WELL else FAILS)
 
 
 def literal_selection(joint: JointData) -> Finding:
-    """Rule (31)-(32) to the letter against the other selections of the same number of modes."""
+    """Compare the printed rule (31)-(32) with other selections of the same number of modes."""
     runs = ended(joint, **FEW)
     others = [row for row in runs if row["selection"] != LITERAL]
     best = min(
@@ -109,16 +105,16 @@ def literal_selection(joint: JointData) -> Finding:
 
 
 def quarter_of_m2(joint: JointData) -> Finding:
-    """Coordinates that M2 needs for the error of M3 with 31 residual modes."""
+    """Judge how many coordinates M2 needs for the error of M3 with 31 residual modes."""
     wanted = paper_m3(joint) | {"residual_modes": FEW["residual_modes"]}
     m3 = runs_of(joint, "M3 pc2 with 31 residual modes", **wanted)[0]
     runs = need(ended(joint, method="m2"), "M2")
     good = [row for row in runs if row.worst_error <= m3.worst_error]
     below = [row for row in runs if not good or row["coordinates"] < good[0]["coordinates"]]
-    words = [f"M3 {listed([m3])}"]
-    words += [f"M2 not as good with {_times(below[-1], m3)}"] if below else []
-    words += [f"as good with {_times(good[0], m3)}"] if good else []
-    return Finding("; ".join(words), needs_more(runs, m3.worst_error, 4 * m3["coordinates"]))
+    parts = [f"M3 {listed([m3])}"]
+    parts += [f"M2 not as good with {_times(below[-1], m3)}"] if below else []
+    parts += [f"as good with {_times(good[0], m3)}"] if good else []
+    return Finding("; ".join(parts), needs_more(runs, m3.worst_error, 4 * m3["coordinates"]))
 
 
 def _times(row: StudyRow, other: StudyRow) -> str:
@@ -127,21 +123,21 @@ def _times(row: StudyRow, other: StudyRow) -> str:
 
 
 def one_shape_is_not_enough(joint: JointData) -> Finding:
-    """Long or short bearing shapes alone against both with as many modes."""
+    """Compare long or short bearing shapes alone with both kinds and as many modes."""
     alone = [
         runs_of(joint, f"M3 {name}", pressure_set=name)[-1] for name in ("pc2-long", "pc2-short")
     ]
     size = max(row["coordinates"] for row in alone)
     within = [row for row in ended(joint, pressure_set="pc2") if row["coordinates"] <= size]
     both = min(need(within, "M3 pc2 with as many modes"), key=lambda row: row.worst_error)
-    words = "; ".join([*map(description, alone), f"both: {description(both)}"])
+    measured = "; ".join([*map(description, alone), f"both: {description(both)}"])
     return Finding(
-        words, verdict(row.worst_error > max(WELL, 2 * both.worst_error) for row in alone)
+        measured, verdict(row.worst_error > max(WELL, 2 * both.worst_error) for row in alone)
     )
 
 
 def time_grows(joint: JointData) -> Finding:
-    """Rank correlation of integration time and number of coordinates."""
+    """Judge the rank correlation of integration time and number of coordinates."""
     runs = [row for method in ("m1", "m2", "m3") for row in ended(joint, method=method)]
     sizes = {row["coordinates"] for row in runs}
     if len(sizes) < 3:
@@ -151,43 +147,42 @@ def time_grows(joint: JointData) -> Finding:
     times = [
         np.mean([r["online_s"] for r in runs if r["coordinates"] == n]) for n in (small, large)
     ]
-    words = (
+    measured = (
         f"rank correlation {order:.2f} over {len(runs)} runs; {times[0]:.1f} s with {small:.0f} "
         f"coordinates, {times[1]:.1f} s with {large:.0f}"
     )
     grows = times[1] > 1.5 * times[0]
-    return Finding(words, HOLDS if order > 0.7 and grows else PARTLY if order > 0.3 else FAILS)
+    return Finding(measured, HOLDS if order > 0.7 and grows else PARTLY if order > 0.3 else FAILS)
 
 
 def m3_fastest(joint: JointData) -> Finding:
-    """Whether for each run of M1 and M2 some run of M3 is as accurate in less time."""
+    """Judge whether for each run of M1 and M2 some run of M3 is as accurate in less time."""
     rivals = [row for method in ("m1", "m2") for row in ended(joint, method=method)]
-    own = need(ended(joint, method="m3"), "M3")
-    beaten, words = [], []
+    candidates = need(ended(joint, method="m3"), "M3")
+    beaten: list[bool | None] = []
+    parts = []
     for rival in need(rivals, "M1 or M2"):
-        better = [row for row in own if row.worst_error <= rival.worst_error]
+        better = [row for row in candidates if row.worst_error <= rival.worst_error]
         quickest = min(better, key=lambda row: row["online_s"], default=None)
         beaten.append(quickest is not None and _faster(quickest, rival))
         time = "none" if quickest is None else f"{quickest['online_s']:.1f} s"
         equal = " (about equal)" if beaten[-1] is None else ""
         name = f"{rival['method'].upper()} with {rival['coordinates']:.0f}"
-        words.append(f"{name} {rival['online_s']:.1f} s, M3 {time}{equal}")
-    return Finding("; ".join(words), verdict(beaten))
+        parts.append(f"{name} {rival['online_s']:.1f} s, M3 {time}{equal}")
+    return Finding("; ".join(parts), verdict(beaten))
 
 
 def _faster(one: StudyRow, two: StudyRow) -> bool | None:
-    """Whether the first one takes less time; None: one measurement of each cannot tell."""
+    """True if run `one` takes less time than run `two`; None if their times count as equal."""
     difference = math.log(two["online_s"] / one["online_s"])
     return clearly(difference > 0, difference, math.log(EQUAL_TIMES))
 
 
 def independent_numbers(joint: JointData) -> Finding:
-    """Vibration frequencies of M3's bodies with different numbers of residual modes."""
+    """Compare vibration frequencies of M3's bodies with different numbers of residual modes."""
     folders = {joint.study.folder(row["run"]) for row in ended(joint, method="m3")}
-    bodies = [
-        ehd.load_body(path) for folder in sorted(folders) for path in folder.glob("body-*.h5")
-    ]
-    groups: dict[int, list[ehd.ReducedBody]] = {}
+    bodies = [load_body(path) for folder in sorted(folders) for path in folder.glob("body-*.h5")]
+    groups: dict[int, list[ReducedBody]] = {}
     for body in bodies:
         groups.setdefault(body.kinds.count("vibration"), []).append(body)
     kept = {n: group for n, group in groups.items() if n and len(set(map(_static, group))) > 1}
@@ -197,22 +192,23 @@ def independent_numbers(joint: JointData) -> Finding:
         for n, group in kept.items()
         for body in group[1:]
     )
-    words = "; ".join(
+    numbers = "; ".join(
         f"{n} vibration modes with {', '.join(map(str, sorted(set(map(_static, group)))))} "
         "static ones"
         for n, group in kept.items()
     )
     return Finding(
-        f"{words}: frequencies equal to {max(gap, 1e-16):.0e}", HOLDS if gap < 1e-6 else FAILS
+        f"{numbers}: frequencies equal to {max(gap, 1e-16):.0e}", HOLDS if gap < 1e-6 else FAILS
     )
 
 
-def _static(body: ehd.ReducedBody) -> int:
+def _static(body: ReducedBody) -> int:
+    """Number of static modes of a body."""
     return body.kinds.count("static")
 
 
 def best_at_every_size(joint: JointData) -> Finding:
-    """M3 against M1 and M2 wherever all three have equally many coordinates."""
+    """Compare M3 with M1 and M2 wherever all three have equally many coordinates."""
     rivals = [every(joint, method=method) for method in ("m1", "m2")]
     sizes = [
         row["coordinates"]
@@ -224,7 +220,7 @@ def best_at_every_size(joint: JointData) -> Finding:
 
 
 def _plateau_of(joint: JointData) -> JointResult:
-    """The joint in the reference's steps on the plateau."""
+    """Results of the joint in the reference, at its steps on the plateau."""
     history = reference_history(joint, until=PLATEAU[1])
     inside = (history.time >= PLATEAU[0]) & (history.time <= PLATEAU[1])
     need(list(history.time[inside]), "steps of the reference between 6 and 8 ms")
@@ -232,28 +228,30 @@ def _plateau_of(joint: JointData) -> JointResult:
 
 
 def plateau(joint: JointData) -> Finding:
-    """Peak pressure and film of the reference between 6 and 8 ms."""
-    found = _plateau_of(joint)
-    pressure, film = np.asarray(found.max_pressure), np.asarray(found.min_film_thickness)
-    change, loss = np.ptp(pressure) / pressure.max(), 1 - film[-1] / film[0]
+    """Judge peak pressure and film of the reference between 6 and 8 ms."""
+    result = _plateau_of(joint)
+    pressure = np.asarray(result.max_pressure)
+    film = np.asarray(result.min_film_thickness)
+    change = np.ptp(pressure) / pressure.max()
+    loss = 1 - film[-1] / film[0]
     falls = bool(np.mean(np.diff(film) < 0) > 0.95)
-    words = (
+    measured = (
         f"pressure {1e-6 * pressure.min():.1f} to {1e-6 * pressure.max():.1f} MPa "
         f"({100 * change:.0f} %), film {1e6 * film[0]:.2f} to {1e6 * film[-1]:.2f} µm "
         f"(-{100 * loss:.0f} %)"
     )
-    return Finding(words, verdict([change <= 0.1, falls and loss >= 0.1]))
+    return Finding(measured, verdict([change <= 0.1, falls and loss >= 0.1]))
 
 
 def peak_at_the_axis(joint: JointData) -> Finding:
-    """Where on the bore the pressure is highest during the plateau."""
+    """Judge at which angle of the bore the pressure is highest during the plateau."""
     angles = np.asarray(_plateau_of(joint).max_pressure_angle)
-    words = f"{angles.min():.0f} to {angles.max():.0f} degrees between 6 and 8 ms"
-    return Finding(words, HOLDS if np.abs(angles).max() <= 15 else FAILS)
+    measured = f"{angles.min():.0f} to {angles.max():.0f} degrees between 6 and 8 ms"
+    return Finding(measured, HOLDS if np.abs(angles).max() <= 15 else FAILS)
 
 
 def smoother_flank(joint: JointData) -> Finding:
-    """How far behind the peak, in the widening gap, the pressure has fallen to half."""
+    """Judge how far behind the peak, in the widening gap, the pressure has decreased to half."""
     history = reference_history(joint, until=PLATEAU[1])
     film = history.joints[joint.name].film
     angle, height, pressures = map(np.asarray, (film.angle, film.height, film.pressure))
@@ -266,8 +264,8 @@ def smoother_flank(joint: JointData) -> Finding:
         step = int(np.argmax(ahead < 0.5 * ahead[0]))
         part = (ahead[step - 1] - 0.5 * ahead[0]) / (ahead[step - 1] - ahead[step])
         flanks.append((step - 1 + part) * 360 / len(ring))
-    words = f"half the peak {flanks[0]:.1f} degrees behind it at 6 ms, {flanks[1]:.1f} at 8 ms"
-    return Finding(words, HOLDS if flanks[1] > 1.1 * flanks[0] else FAILS)
+    measured = f"half the peak {flanks[0]:.1f} degrees behind it at 6 ms, {flanks[1]:.1f} at 8 ms"
+    return Finding(measured, HOLDS if flanks[1] > 1.1 * flanks[0] else FAILS)
 
 
 _WELL = f"largest error of both curves at most {100 * WELL:.0f} %"

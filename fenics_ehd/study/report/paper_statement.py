@@ -1,7 +1,8 @@
-"""A statement of the paper, the rule by which it holds, and the verdict of a study's runs.
+"""Statements of the paper by Krinner and Rixen: rules, verdicts, and comparisons of runs.
 
-There is no verdict before all planned runs of a rule have ended. A run whose steps or film
-broke down is a result: it is no better than the others.
+A statement has a rule, by which it is judged from the runs of a study. There is no verdict before
+all planned runs that the rule needs have ended. A run whose steps or film broke down is a result:
+it is not better than any other run.
 """
 
 from __future__ import annotations
@@ -13,7 +14,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-import fenics_ehd as ehd
+from fenics_ehd.base.errors import (
+    CavitationError,
+    FilmTooThinError,
+    GapClosedError,
+    StepSizeError,
+)
+from fenics_ehd.multibody.history import History
 from fenics_ehd.study.paper import HOUSING_M3, ROD_M3, ROTOR, SLIDER_CRANK
 from fenics_ehd.study.plan import REFERENCE
 from fenics_ehd.study.report.figures import family
@@ -32,46 +39,58 @@ T = TypeVar("T")
 HOLDS, FAILS, PARTLY = "holds", "does not hold", "holds in part"
 OPEN, NOT_RUN = "undecided", "not run"
 
-#: Ends of a run that tell something about its model: it could not be integrated to the end.
+#: Verdicts with their meanings.
+MEANINGS = {
+    HOLDS: "the rule is met",
+    FAILS: "the rule is not met",
+    PARTLY: "some cases meet the rule; the others do not meet it, or cannot be judged",
+    OPEN: "the measured values are only limits, or differ by less than their own errors",
+    NOT_RUN: "a run that the rule needs is missing or failed",
+}
+
+#: Beginnings of the status of a run that failed because of its model: steps or film broke down.
 BREAKDOWNS = tuple(
     f"failed: {kind.__name__}"
-    for kind in (
-        ehd.errors.StepSizeError,
-        ehd.errors.GapClosedError,
-        ehd.errors.FilmTooThinError,
-        ehd.errors.CavitationError,
-    )
+    for kind in (StepSizeError, GapClosedError, FilmTooThinError, CavitationError)
 )
 
-#: M3 as the paper has it in either example.
+#: Pressure set and selection of the paper's M3, by scene.
 PAPER_M3 = {
     scene: dict(zip(("pressure_set", "selection"), names, strict=True))
     for scene, names in ((SLIDER_CRANK, ROD_M3), (ROTOR, HOUSING_M3))
 }
 
-#: A curve is followed well when its largest error is at most this.
+#: Largest error of a curve that is followed well, relative.
 WELL = 0.05
 
-#: Loads are high where the reference's peak pressure exceeds this share of its largest.
+#: Peak pressure of the reference above which the load is high, over its largest peak pressure.
 HIGH_LOAD = 0.75
 
-#: Numbers of coordinates this close count as equal.
+#: Relative difference up to which two numbers of coordinates count as equal.
 EQUAL_COORDINATES = 0.1
 
-#: Coordinates that a basis may have in addition to the modes asked for.
+#: Largest number of coordinates that a basis has in addition to the requested modes.
 RIGID_MOTION = 6
 
-#: Missing runs that are named.
+#: Largest number of missing runs that a message names.
 NAMED = 3
 
 
 class MissingRunsError(LookupError):
-    """The study does not hold, or not yet, what a statement is judged by."""
+    """Runs that the rule of a statement needs are missing; the message names them."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What was measured, in words, and the verdict."""
+    """Result of judging a statement.
+
+    Attributes
+    ----------
+    measured
+        Text with the measured values.
+    verdict
+        Verdict, one of `MEANINGS`.
+    """
 
     measured: str
     verdict: str
@@ -79,27 +98,34 @@ class Finding:
 
 @dataclass(frozen=True)
 class Statement:
-    """One statement.
+    """Statement of the paper.
 
     Attributes
     ----------
-    place
-        Section or figure of the paper.
+    section
+        Section or equations of the paper, and the figure if there is one, ``4.2, fig. 5``.
     text
-        Statement in our words.
+        The statement in our words.
     rule
-        When we call it true.
+        Condition under which the statement holds.
     check
-        Measures and judges; raises `MissingRunsError`.
+        Function that measures and judges the runs of a joint; it raises `MissingRunsError` if runs
+        are missing.
     """
 
-    place: str
+    section: str
     text: str
     rule: str
     check: Callable[[JointData], Finding]
 
+    @property
+    def figure(self) -> int | None:
+        """Number of the figure to which the statement refers; None without a figure."""
+        number = self.section.partition("fig. ")[2]
+        return int(number) if number else None
+
     def judge(self, joint: JointData) -> Finding:
-        """Finding of this study's runs."""
+        """Judge the statement by the runs of a joint."""
         try:
             return self.check(joint)
         except MissingRunsError as error:
@@ -107,7 +133,7 @@ class Statement:
 
 
 def verdict(truths: Iterable[bool | None]) -> str:
-    """Whether all, some or none of several cases are as stated; None: not decided."""
+    """Verdict on several cases: True, False, or None for a case that cannot be decided."""
     values = list(truths)
     if all(values):
         return HOLDS
@@ -117,63 +143,66 @@ def verdict(truths: Iterable[bool | None]) -> str:
 
 
 def clearly(truth: bool, difference: float, error: float) -> bool | None:
-    """A comparison, unless the difference is no larger than the error of what is compared."""
+    """Result `truth` of a comparison; None if the difference does not exceed its error."""
     return truth if abs(difference) > error else None
 
 
 def smaller(one: StudyRow, two: StudyRow, quantity: Curve) -> bool | None:
-    """Whether the first one's error is the smaller one; None within the reference's own error."""
+    """True if run `one` has a smaller error than run `two`; None if the reference cannot tell.
+
+    The difference must exceed the reference's own error.
+    """
     difference = two.visible_error(quantity) - one.visible_error(quantity)
     return clearly(difference > 0, difference, max(one.floor(quantity), two.floor(quantity)))
 
 
 def errors(row: StudyRow) -> str:
-    """Largest errors of both curves, pressure first; none below the reference's own."""
+    """Text with the largest errors of both curves, peak pressure first."""
     return " / ".join(bounded(row, quantity) for quantity in CURVES)
 
 
 def description(row: StudyRow) -> str:
-    """A run with its size and errors."""
+    """Text with the family of a run, its number of coordinates, and its errors."""
     return f"{family(row)}, {row['coordinates']:.0f}: {errors(row)}"
 
 
 def listed(rows: Iterable[StudyRow]) -> str:
-    """Several runs of one family: sizes and errors."""
+    """Text with the numbers of coordinates and the errors of several runs."""
     return ", ".join(f"{row['coordinates']:.0f} coordinates {errors(row)}" for row in rows)
 
 
 def broke_down(row: StudyRow) -> bool:
-    """Whether steps or film came to an end: that is a result, a full disk is none."""
+    """True if steps or film of a run broke down; False for other failures, such as a full disk."""
     return bool(row["status"].startswith(BREAKDOWNS))
 
 
 def paper_m3(joint: JointData) -> dict[str, str]:
-    """What the runs of M3 with the paper's pressure set and selection have in common."""
+    """Values of the columns that all runs of the paper's M3 have in common, by column."""
     return {"method": "m3", **PAPER_M3[joint.study.info["scene"]]}
 
 
-def need(found: Sequence[T], what: str) -> list[T]:
-    """What was found.
+def need(items: Sequence[T], description: str) -> list[T]:
+    """Return items, usually runs, as a list; refuse an empty one.
 
     Raises
     ------
     MissingRunsError
-        Nothing was.
+        There are no items; the message is their description.
     """
-    if not found:
-        raise MissingRunsError(what)
-    return list(found)
+    if not items:
+        raise MissingRunsError(description)
+    return list(items)
 
 
 def ended(joint: JointData, **wanted: Any) -> list[StudyRow]:
-    """Measured runs of the comparison of methods with these values, by coordinates.
+    """Measured runs with given values of some columns, sorted by the number of coordinates.
 
-    Runs whose steps or film broke down are left out: they are no better than the others.
+    Runs whose steps or film broke down are not included.
 
     Raises
     ------
     MissingRunsError
-        One of them has not ended, or failed for a reason that does not concern its model.
+        A planned run has not ended, or failed for a reason that does not concern its model.
     """
     planned = joint.planned("methods", **wanted)
     _refuse([row for row in planned if not (row.measured or broke_down(row))])
@@ -181,24 +210,30 @@ def ended(joint: JointData, **wanted: Any) -> list[StudyRow]:
 
 
 def every(joint: JointData, **wanted: Any) -> list[StudyRow]:
-    """The same where a run that broke down leaves a hole: `MissingRunsError` for it as well."""
-    found = ended(joint, **wanted)
-    _refuse([row for row in joint.planned("methods", **wanted) if not row.measured])
-    return found
-
-
-def runs_of(joint: JointData, what: str, **wanted: Any) -> list[StudyRow]:
-    """Every run with these values, at least one, or `MissingRunsError`."""
-    return need(every(joint, **wanted), what)
-
-
-def of_size(joint: JointData, coordinates: float, **wanted: Any) -> list[StudyRow]:
-    """The run with about so many coordinates, the nearest; none where none was planned.
+    """Measured runs as `ended` returns them, if every planned run is among them.
 
     Raises
     ------
     MissingRunsError
-        One that may have so many is not measured.
+        A planned run is not measured, for any reason.
+    """
+    rows = ended(joint, **wanted)
+    _refuse([row for row in joint.planned("methods", **wanted) if not row.measured])
+    return rows
+
+
+def runs_of(joint: JointData, description: str, **wanted: Any) -> list[StudyRow]:
+    """Measured runs as `every` returns them, at least one; otherwise `MissingRunsError`."""
+    return need(every(joint, **wanted), description)
+
+
+def of_size(joint: JointData, coordinates: float, **wanted: Any) -> list[StudyRow]:
+    """List of one run: the one whose number of coordinates is nearest; empty if none is near.
+
+    Raises
+    ------
+    MissingRunsError
+        A run that may have this number of coordinates is not measured.
     """
     planned = joint.planned("methods", **wanted)
     planned = [row for row in planned if _may_have(row, coordinates)]
@@ -208,9 +243,9 @@ def of_size(joint: JointData, coordinates: float, **wanted: Any) -> list[StudyRo
 
 def _refuse(missing: Sequence[StudyRow]) -> None:
     if missing:
-        words = [f"{row['run']} ({_state(row)})" for row in missing[:NAMED]]
-        words += [f"{len(missing) - NAMED} more"] if len(missing) > NAMED else []
-        raise MissingRunsError(", ".join(words))
+        names = [f"{row['run']} ({_state(row)})" for row in missing[:NAMED]]
+        names += [f"{len(missing) - NAMED} more"] if len(missing) > NAMED else []
+        raise MissingRunsError(", ".join(names))
 
 
 def _state(row: StudyRow) -> str:
@@ -218,7 +253,7 @@ def _state(row: StudyRow) -> str:
 
 
 def _may_have(row: StudyRow, coordinates: float) -> bool:
-    """Whether a run has about so many coordinates, or may turn out to have."""
+    """True if a run has about this number of coordinates, or may have it once it has ended."""
     if math.isfinite(row["coordinates"]):
         return bool(near([row], coordinates))
     residual = row["residual_modes"] if math.isfinite(row["residual_modes"]) else 0.0
@@ -230,7 +265,7 @@ def _may_have(row: StudyRow, coordinates: float) -> bool:
 
 
 def near(rows: Iterable[StudyRow], coordinates: float) -> list[StudyRow]:
-    """Runs with about this many coordinates, the nearest first."""
+    """Runs with about this number of coordinates, the nearest first."""
 
     def distance(row: StudyRow) -> float:
         return abs(row["coordinates"] / coordinates - 1)
@@ -239,13 +274,13 @@ def near(rows: Iterable[StudyRow], coordinates: float) -> list[StudyRow]:
     return sorted(close, key=lambda row: (distance(row), row["run"]))
 
 
-def reference_history(joint: JointData, until: float = 0.0, *, films: bool = True) -> ehd.History:
-    """History of a reference that came to its end, and that at this time [s] or later.
+def reference_history(joint: JointData, until: float = 0.0, *, films: bool = True) -> History:
+    """History of the reference, complete and at least until a time [s].
 
     Raises
     ------
     MissingRunsError
-        There is none.
+        The reference is not complete, or ends earlier.
     """
     complete = joint.study.reference.get("status") == "complete"
     history = joint.study.history(REFERENCE, films=films) if complete else None
@@ -258,38 +293,45 @@ def reference_history(joint: JointData, until: float = 0.0, *, films: bool = Tru
 
 
 def pressure_errors(joint: JointData, row: StudyRow) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Signed errors of a run's peak pressure over the largest, its load, the steps' lengths [s].
+    """Errors of a run's peak pressure over time, loads, and weights of the steps.
 
-    The load is the reference's peak pressure then, over the largest.
+    Returns
+    -------
+    errors
+        Signed errors over the reference's largest peak pressure, shape (n,).
+    loads
+        Peak pressures of the reference over the largest one, shape (n,).
+    weights
+        Lengths of the steps, shape (n,) [s].
 
     Raises
     ------
     MissingRunsError
-        The run left none.
+        The run has no stored errors.
     """
     reference = reference_history(joint, films=False)
-    found = joint.errors_over_time(row["run"])
-    if found is None:
+    curves = joint.errors_over_time(row["run"])
+    if curves is None:
         raise MissingRunsError(f"the errors of {row['run']} over time")
     peaks = np.asarray(reference.joints[joint.name].max_pressure)
-    load = np.interp(found["time_s"], reference.time, peaks) / peaks.max()
-    return found["pressure_error"], load, np.gradient(found["time_s"])
+    loads = np.interp(curves["time_s"], reference.time, peaks) / peaks.max()
+    return curves["pressure_error"], loads, np.gradient(curves["time_s"])
 
 
 def many_modes(joint: JointData, method: str) -> Finding:
-    """A method needs many coordinates before it follows both curves well."""
+    """Judge whether a method needs at least twice as many coordinates as M3 for 5 %."""
     rows = need(ended(joint, method=method), method.upper())
     rival = [row for row in ended(joint, **paper_m3(joint)) if row.worst_error <= WELL]
     need(rival, "a run of M3 within 5 %")
-    words = f"{listed(rows)}; M3: {listed(rival[:1])}"
-    return Finding(words, needs_more(rows, WELL, 2 * rival[0]["coordinates"]))
+    measured = f"{listed(rows)}; M3: {listed(rival[:1])}"
+    return Finding(measured, needs_more(rows, WELL, 2 * rival[0]["coordinates"]))
 
 
 def needs_more(rows: Sequence[StudyRow], error: float, coordinates: float) -> str:
-    """Whether an error takes at least so many coordinates.
+    """Verdict on the statement that an error needs at least this number of coordinates.
 
-    The number that it takes lies above the last run that is not as good and not above the first
-    one that is; no such run, no bound on that side.
+    The number that the error needs is larger than that of the last run with a larger error, and not
+    larger than that of the first run without one. Without such a run, there is no bound.
     """
     first = min((row["coordinates"] for row in rows if row.worst_error <= error), default=math.inf)
     below = (row["coordinates"] for row in rows if row["coordinates"] < first)
@@ -299,7 +341,7 @@ def needs_more(rows: Sequence[StudyRow], error: float, coordinates: float) -> st
 
 
 def m2_ahead_of_m1(joint: JointData) -> Finding:
-    """With equally many coordinates M2's errors are the smaller ones, in both curves."""
+    """Judge whether M2 has smaller errors of both curves than M1 with equally many coordinates."""
     rivals = every(joint, method="m2")
     pairs = [
         (one, two)
@@ -308,57 +350,53 @@ def m2_ahead_of_m1(joint: JointData) -> Finding:
     ]
     need(pairs, "M1 and M2 with equally many coordinates")
     ahead = [smaller(two, one, quantity) for one, two in pairs for quantity in CURVES]
-    words = "; ".join(
+    measured = "; ".join(
         f"{one['coordinates']:.0f}: M1 {errors(one)}, M2 {errors(two)}" for one, two in pairs
     )
-    return Finding(words, verdict(ahead))
+    return Finding(measured, verdict(ahead))
 
 
 def too_stiff(joint: JointData, rows: Sequence[StudyRow]) -> Finding:
-    """Peak pressures come out too high where loads are high: mean error, weighted by time."""
+    """Judge whether the mean error of the peak pressure at high loads is positive in all runs."""
     excess = []
     for row in rows:
         error, load, weight = pressure_errors(joint, row)
         high = load >= HIGH_LOAD
         excess.append((row, float(weight[high] @ error[high] / weight[high].sum())))
-    words = ", ".join(
+    values = ", ".join(
         f"{row['method'].upper()} with {row['coordinates']:.0f}: {100 * value:+.1f} %"
         for row, value in excess
     )
     above = (clearly(value > 0, value, row.floor(PRESSURE)) for row, value in excess)
-    return Finding(f"mean pressure error at high loads: {words}", verdict(above))
+    return Finding(f"mean pressure error at high loads: {values}", verdict(above))
 
 
 def at_size(joint: JointData, coordinates: float) -> dict[str, StudyRow]:
-    """M1, M2 and the paper's M3 with about this many coordinates."""
+    """Runs of M1, M2 and the paper's M3 with about this number of coordinates, by method."""
     wanted = {"m1": {"method": "m1"}, "m2": {"method": "m2"}, "m3": paper_m3(joint)}
-    found = {name: of_size(joint, coordinates, **values) for name, values in wanted.items()}
-    missing = [name.upper() for name, rows in found.items() if not rows]
+    runs = {name: of_size(joint, coordinates, **values) for name, values in wanted.items()}
+    missing = [name.upper() for name, rows in runs.items() if not rows]
     if missing:
         raise MissingRunsError(f"{', '.join(missing)} with about {coordinates:.0f} coordinates")
-    return {name: rows[0] for name, rows in found.items()}
+    return {name: rows[0] for name, rows in runs.items()}
 
 
 def compared(rows: dict[str, StudyRow]) -> str:
-    """Errors of the three methods."""
+    """Text with the errors of several methods."""
     return ", ".join(f"{name.upper()} {errors(row)}" for name, row in rows.items())
 
 
 def m3_best(joint: JointData, sizes: Sequence[float]) -> Finding:
-    """M3 is nearest to the reference in both curves."""
+    """Judge whether M3 has the smallest errors of both curves, for some numbers of coordinates."""
     sets = {size: at_size(joint, size) for size in sizes}
-    best = [
-        smaller(rows["m3"], rows[other], quantity)
-        for rows in sets.values()
-        for other in ("m1", "m2")
-        for quantity in CURVES
-    ]
-    words = "; ".join(f"{size:.0f}: {compared(rows)}" for size, rows in sets.items())
-    return Finding(words, verdict(best))
+    pairs = [(rows["m3"], rows[other]) for rows in sets.values() for other in ("m1", "m2")]
+    best = [smaller(run, other, quantity) for run, other in pairs for quantity in CURVES]
+    measured = "; ".join(f"{size:.0f}: {compared(rows)}" for size, rows in sets.items())
+    return Finding(measured, verdict(best))
 
 
 def m1_worst(joint: JointData, size: float) -> Finding:
-    """M1 is farthest from the reference in both curves."""
+    """Judge whether M1 has the largest errors of both curves."""
     rows = at_size(joint, size)
     pairs = [(rows[other], quantity) for other in ("m2", "m3") for quantity in (PRESSURE, FILM)]
     worst = (smaller(other, rows["m1"], quantity) for other, quantity in pairs)

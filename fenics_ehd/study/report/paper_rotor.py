@@ -1,4 +1,4 @@
-"""Statements of section 5.2, the rotor, and those of section 6 that it can tell."""
+"""Statements of the paper about the rotor: section 5.2, and one of section 6."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from paper_statement import (
+from scipy.spatial import cKDTree
+
+from fenics_ehd.study.compare import LIMITING
+from fenics_ehd.study.report.figures import family
+from fenics_ehd.study.report.paper_statement import (
     FAILS,
     HOLDS,
     Finding,
@@ -26,10 +30,6 @@ from paper_statement import (
     too_stiff,
     verdict,
 )
-from scipy.spatial import cKDTree
-
-from fenics_ehd.study.compare import LIMITING
-from fenics_ehd.study.report.figures import family
 from fenics_ehd.study.report.study_data import (
     CURVES,
     PRESSURE,
@@ -39,29 +39,32 @@ from fenics_ehd.study.report.study_data import (
 )
 from fenics_ehd.study.report.write import percent
 
-#: Overall modes of figures 10 and 11.
-FEW, MANY = 30, 50
+#: Numbers of modes of every method in figures 10 and 11.
+FEW = 30
+MANY = 50
 
 
 def unsymmetric(joint: JointData) -> Finding:
-    """Pressure at the highest peak against its mirror image about mid-width."""
+    """Compare the pressure at its highest peak with its mirror image about mid-width."""
     film = reference_history(joint).joints[joint.name].film
     angle, height, pressures = map(np.asarray, (film.angle, film.height, film.pressure))
-    pressure, height = pressures[pressures.max(axis=1).argmax()], height / np.ptp(height)
-    places = np.column_stack([np.cos(angle), np.sin(angle), height - height.mean()])
-    distance, partner = cKDTree(places).query(places * [1.0, 1.0, -1.0])
+    pressure = pressures[pressures.max(axis=1).argmax()]
+    height = height / np.ptp(height)
+    positions = np.column_stack([np.cos(angle), np.sin(angle), height - height.mean()])
+    distance, partner = cKDTree(positions).query(positions * [1.0, 1.0, -1.0])
     if distance.max() > 1e-6:
         raise MissingRunsError("a film mesh that is symmetric about mid-width")
     defect = np.abs(pressure - pressure[partner]).max() / pressure.max()
-    words = f"largest difference of mirrored pressures {percent(float(defect))} of the peak"
-    return Finding(words, HOLDS if defect > 0.05 else FAILS)
+    measured = f"largest difference of mirrored pressures {percent(float(defect))} of the peak"
+    return Finding(measured, HOLDS if defect > 0.05 else FAILS)
 
 
 def large_where_high(joint: JointData) -> Finding:
-    """Mean error of the peak pressure above half the reference's peak, and below it."""
-    words, larger = [], []
-    own = [joint.own_error(kind, PRESSURE, "l2") for kind in LIMITING]
-    limit = float(np.nanmax([0.0, *own]))
+    """Compare mean errors of the peak pressure above and below half the reference's peak."""
+    parts = []
+    larger = []
+    floors = [joint.own_error(kind, PRESSURE, "l2") for kind in LIMITING]
+    limit = float(np.nanmax([0.0, *floors]))
     for name, row in at_size(joint, FEW).items():
         error, load, weight = pressure_errors(joint, row)
         high = load > 0.5
@@ -69,35 +72,39 @@ def large_where_high(joint: JointData) -> Finding:
         above, below = (
             float(weight[part] @ np.abs(error[part]) / weight[part].sum()) for part in (high, ~high)
         )
-        words.append(f"{name.upper()} {percent(above)} above, {percent(below)} below")
+        parts.append(f"{name.upper()} {percent(above)} above, {percent(below)} below")
         larger.append(clearly(above > below, above - below, limit))
-    return Finding(", ".join(words), verdict(larger))
+    return Finding(", ".join(parts), verdict(larger))
 
 
 def still_stiff(joint: JointData) -> Finding:
-    """M1 and M2 with 50 modes at high loads."""
+    """Judge the pressures of M1 and M2 with 50 modes at high loads."""
     runs = at_size(joint, MANY)
     return too_stiff(joint, [runs["m1"], runs["m2"]])
 
 
 def small_for_m3(joint: JointData) -> Finding:
-    """M3 with 50 modes against the two others."""
+    """Compare M3 with 50 modes with M1 and M2."""
     runs = at_size(joint, MANY)
     small = (_half(runs["m3"], [runs["m1"], runs["m2"]], quantity) for quantity in CURVES)
     return Finding(compared(runs), verdict(small))
 
 
 def _half(row: StudyRow, others: list[StudyRow], quantity: Curve) -> bool | None:
-    """Whether an error is at most half of the others'; None: the reference is not that good."""
+    """True if an error is at most half of the smallest error of other runs; None if undecided.
+
+    It is undecided if the difference does not exceed the reference's own error.
+    """
     limit = 0.5 * min(other.visible_error(quantity) for other in others)
     difference = limit - row.visible_error(quantity)
     return clearly(difference >= 0, difference, row.floor(quantity))
 
 
 def shapes_fail(joint: JointData) -> Finding:
-    """Symmetric pressure shapes against unit pressures, equally many residual modes."""
+    """Compare symmetric pressure shapes with unit pressures and equally many residual modes."""
     sizes = sorted({row["residual_modes"] for row in joint.planned("methods", pressure_set="pc2")})
-    words, worse = [], []
+    parts = []
+    worse: list[bool | None] = []
     for size in sizes:
         shape = _best(joint, pressure_set="pc2", residual_modes=size)
         unit = _best(joint, pressure_set="pc1", residual_modes=size)
@@ -105,16 +112,19 @@ def shapes_fail(joint: JointData) -> Finding:
             continue
         reason = ":".join(shape["status"].split(":")[:2])
         broken = f"{family(shape)}, {size:.0f} residual modes: {reason}"
-        words.append(f"{description(shape) if shape.complete else broken}; {description(unit)}")
+        parts.append(f"{description(shape) if shape.complete else broken}; {description(unit)}")
         worse += [not shape.complete or smaller(unit, shape, quantity) for quantity in CURVES]
-    need(words, "M3 pc2, and M3 pc1 with as many residual modes")
-    return Finding("; ".join(words), verdict(worse))
+    need(parts, "M3 pc2, and M3 pc1 with as many residual modes")
+    return Finding("; ".join(parts), verdict(worse))
 
 
 def _best(joint: JointData, **wanted: Any) -> StudyRow | None:
-    """The most accurate one of some runs, one that broke down where all did; None without any."""
-    found = ended(joint, **wanted) or joint.planned("methods", **wanted)
-    return min(found, key=lambda row: row.worst_error, default=None)
+    """Most accurate run with given values of some columns; None without runs.
+
+    If all runs broke down, the result is one of them.
+    """
+    rows = ended(joint, **wanted) or joint.planned("methods", **wanted)
+    return min(rows, key=lambda row: row.worst_error, default=None)
 
 
 STATEMENTS = (
