@@ -15,8 +15,8 @@ from fenics_ehd.cli.main import main
 
 COMMAND = [sys.executable, "-m", "fenics_ehd.cli"]
 
-#: Entries of a summary that depend on the machine or on imports of a process. Checksums of inputs do:
-#: the file of a body has the time of its reduction.
+#: Entries of a summary that depend on the machine or on imports of a process. Checksums of inputs
+#: do, because the file of a body has the time of its reduction.
 OF_THE_MACHINE = {
     "inputs",
     "wall_time_s",
