@@ -282,7 +282,7 @@ def report(
                 f"{each.speed:.5g}{scatter_text(each.scatter or None)} rad/s",
                 f"{_rpm(each.speed):.0f}",
                 str(each.mode + 1),
-                f"{each.damping_ratio:.3f}",
+                f"{each.damping_ratio:.3f}{scatter_text(each.damping_ratio_scatter or None)}",
                 f"{whirl_name(each.direction).removesuffix(' whirl')} {each.direction:+.2f}",
                 _unstable(chart, each.speed),
             ]
