@@ -282,3 +282,20 @@ def test_mass_of_tetrahedra_is_that_of_rigid_motions_and_refuses_folded_cells():
         tetrahedron_mass(solid.points, solid.cells[:, :4], 1.0)
     with pytest.raises(ehd.errors.StructureError, match="cells refer to nodes 0 to"):
         tetrahedron_mass(solid.points[:-1], solid.cells, 1.0)
+
+
+@pytest.mark.parametrize("made", [sparse.coo_matrix, sparse.coo_array])
+def test_matrix_market_is_read_by_any_scipy(small, tmp_path, monkeypatch, made):
+    """Newer SciPy returns a sparse array, and warns unless `spmatrix` is given."""
+    io.mmwrite(tmp_path / "K.mtx", small[0], precision=17, symmetry="symmetric")
+    read = io.mmread
+    calls = []
+
+    def newer(source, *, spmatrix=True):
+        calls.append(spmatrix)
+        return made(read(source))
+
+    monkeypatch.setattr(io, "mmread", newer)
+    part = ehd.Structure(tmp_path / "K.mtx", small[1], ring_arguments()["coordinates"])
+    assert abs(to_scipy(part.stiffness) - small[0]).max() < 1e-15 * abs(small[0]).max()
+    assert calls == [False]

@@ -5,7 +5,7 @@ An error on one rank is raised on all ranks. "Columns" are tall arrays with a ro
 of freedom; each rank has the rows that it owns. If the mass matrices along x, y and z are equal,
 products use only the entries for x.
 
-Imports inside functions: scipy.io and gzip are needed only for files in their formats.
+Imports inside functions: scipy.io, gzip and inspect are needed only for files in their formats.
 """
 
 from __future__ import annotations
@@ -252,15 +252,12 @@ def _open(path: str) -> Opened:
         return _in_binary(path)
     if not re.search(r"\.(mtx|mtx\.gz|npz)$", path, re.IGNORECASE):
         raise ValueError(f"the name of the file ends in none of {FILE_TYPES}")
-    from scipy import io
-
     # Newer SciPy would report a missing file as one that is not Matrix Market.
     Path(path).stat()
-    npz = path.lower().endswith(".npz")
-    if not npz:
-        require_matrix_market(path)
-    matrix = sparse.load_npz(path) if npz else io.mmread(path)
-    if npz and matrix.format in ("csr", "csc", "bsr"):
+    if not path.lower().endswith(".npz"):
+        return _in_memory(sparse.csr_matrix(read_matrix_market(path)))
+    matrix = sparse.load_npz(path)
+    if matrix.format in ("csr", "csc", "bsr"):
         # With wrong indices, SciPy would read and write beyond its arrays.
         matrix.check_format(full_check=True)
     return _in_memory(sparse.csr_matrix(matrix))
@@ -284,15 +281,21 @@ def csr_layout(rows: str, entries: str = "entries") -> Group:
     )
 
 
-def require_matrix_market(path: str | Path) -> None:
-    """Refuse a file that is not in Matrix Market form, for which SciPy's message would be obscure.
+def read_matrix_market(path: str | Path) -> Any:
+    """Read a Matrix Market file: a sparse matrix or sparse array of SciPy, or a NumPy array.
+
+    SciPy 1.15 to 1.19 return a sparse matrix by default, later versions a sparse array,
+    earlier versions only a matrix. Callers convert what they get.
 
     Raises
     ------
     ValueError
-        If the file does not begin with ``%%MatrixMarket``.
+        If the file does not begin with ``%%MatrixMarket``: SciPy's message would be obscure.
     """
     import gzip
+    import inspect
+
+    from scipy import io
 
     with gzip.open(path) if str(path).lower().endswith(".gz") else open(path, "rb") as file:
         if not file.read(14).lower().startswith(b"%%matrixmarket"):
@@ -300,6 +303,8 @@ def require_matrix_market(path: str | Path) -> None:
                 "the file does not begin with %%MatrixMarket: read a matrix of Abaqus by "
                 "read_abaqus"
             )
+    known = "spmatrix" in inspect.signature(io.mmread).parameters
+    return io.mmread(path, **({"spmatrix": False} if known else {}))
 
 
 def _in_hdf5(path: str, group: str) -> Opened:
