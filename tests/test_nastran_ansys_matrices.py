@@ -93,6 +93,22 @@ def in_g_set(matrix):
     return (wide @ matrix @ wide.T).tocsr()
 
 
+def test_strings_that_state_the_words_of_their_column_are_read(ring, tmp_path):
+    """Form of pyNastran 1.4.1."""
+    text = op4_text("KGG", ring[0][:6, :6].tocsr())
+    lines = []
+    for line in text.splitlines():
+        numbers = line.split()
+        if len(numbers) == 3 and numbers[1] == "0":
+            stated = int(numbers[2])
+        if len(line) == 12:
+            line = f"{65536 * stated + int(line) % 65536:12d}"
+        lines.append(line)
+    (tmp_path / "k.op4").write_text("\n".join(lines) + "\n")
+    found = read_op4_matrices(tmp_path / "k.op4")["KGG"]
+    np.testing.assert_array_equal(found.toarray(), ring[0][:6, :6].toarray())
+
+
 @pytest.mark.parametrize("form", ["strings", "bigmat", "<4", ">4", "<8", ">8"])
 @pytest.mark.parametrize("rotations", [False, True])
 def test_the_ring_from_output4(ring, form, rotations, tmp_path):
