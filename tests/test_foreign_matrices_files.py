@@ -299,3 +299,22 @@ def test_matrix_market_is_read_by_any_scipy(small, tmp_path, monkeypatch, made):
     part = ehd.Structure(tmp_path / "K.mtx", small[1], ring_arguments()["coordinates"])
     assert abs(to_scipy(part.stiffness) - small[0]).max() < 1e-15 * abs(small[0]).max()
     assert calls == [False]
+
+
+def test_exponents_of_fortran_are_read(small, tmp_path):
+    """``1.5D+03`` in files of CalculiX, Abaqus and in Matrix Market form."""
+    numbers = np.arange(1, 1 + small[0].shape[0] // 3)
+    write_calculix(tmp_path / "m", small, numbers, np.arange(3 * len(numbers)))
+    files = write_abaqus(tmp_path, "labels", small, numbers)
+    io.mmwrite(tmp_path / "K.mtx", small[0], precision=17, symmetry="symmetric")
+    for file in (tmp_path / "m.sti", files[0], tmp_path / "K.mtx"):
+        text = file.read_text()
+        file.write_text(re.sub(r"(?<=\d)e(?=[+-]\d)", "D", text))
+        assert file.read_text() != text
+    part = ehd.Structure(tmp_path / "K.mtx", small[1], ring_arguments()["coordinates"])
+    for found in (
+        ehd.read_calculix(tmp_path / "m").stiffness,
+        ehd.read_abaqus(*files).stiffness,
+        to_scipy(part.stiffness),
+    ):
+        assert abs(found - small[0]).max() < 1e-14 * abs(small[0]).max()

@@ -271,6 +271,8 @@ def _ansys_labels(file: Path) -> np.ndarray:
 def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) -> np.ndarray:
     """Read a text file of numbers, whose lines all have the same number of columns.
 
+    Exponents of Fortran are accepted (``1.5D+03``), if the first line has one.
+
     Raises
     ------
     StructureError
@@ -284,7 +286,10 @@ def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) ->
         if not first:
             raise StructureError(f"{file} is empty")
         separator = "," if "," in first else separator
-        table = np.loadtxt(file, delimiter=separator, comments="**", ndmin=2)
+        with open(file, encoding="ascii") as lines:
+            text = (line.replace("D", "e").replace("d", "e") for line in lines)
+            source = text if re.search(r"\d\.?[dD][+-]?\d", first) else lines
+            table = np.loadtxt(source, delimiter=separator, comments="**", ndmin=2)
     if table.shape[1] not in widths:
         wanted = " or ".join(map(str, widths))
         raise StructureError(f"{file} has lines of {table.shape[1]} numbers, not {wanted}")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -145,10 +146,10 @@ def as_matrix(
     Parameters
     ----------
     source
-        A PETSc matrix, which is returned unchanged if its format is AIJ; a SciPy sparse matrix,
-        the same on every rank; or the path of a file. Files are Matrix Market (``.mtx``,
-        ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``), PETSc binary (``.dat``,
-        ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or ``file.h5:/group`` for a group). An
+        A PETSc matrix, which is returned unchanged if its format is AIJ; a SciPy sparse matrix or a
+        NumPy array of two dimensions, the same on every rank; or the path of a file. Files are
+        Matrix Market (``.mtx``, ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``),
+        PETSc binary (``.dat``, ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or ``file.h5:/group`` for a group). An
         HDF5 file has the CSR arrays ``data``, ``indices`` and ``indptr`` as datasets, and
         ``shape`` as a dataset or attribute. Each rank reads only its own rows from PETSc and HDF5
         files; from other files, each rank reads all rows.
@@ -174,6 +175,8 @@ def as_matrix(
     if isinstance(source, PETSc.Mat):
         owned_range(source.size[0], source.comm.tompi4py(), name, rows, source.local_size[0])
         return source if source.getType() in ("seqaij", "mpiaij") else _converted(source, name)
+    if isinstance(source, np.ndarray) and source.ndim == 2 and source.dtype.kind in "iufc":
+        source = sparse.csr_matrix(source)
     if hasattr(source, "tocsr"):
         shape, read = _in_memory(source.tocsr())
     elif isinstance(source, str | Path):
@@ -284,6 +287,7 @@ def csr_layout(rows: str, entries: str = "entries") -> Group:
 def read_matrix_market(path: str | Path) -> Any:
     """Read a Matrix Market file: a sparse matrix or sparse array of SciPy, or a NumPy array.
 
+    Exponents of Fortran (``1.5D+03``) are accepted, which SciPy does not read.
     SciPy 1.15 to 1.19 return a sparse matrix by default, later versions a sparse array,
     earlier versions only a matrix. Callers convert what they get.
 
@@ -297,14 +301,24 @@ def read_matrix_market(path: str | Path) -> Any:
 
     from scipy import io
 
-    with gzip.open(path) if str(path).lower().endswith(".gz") else open(path, "rb") as file:
+    opened: Callable[..., Any] = gzip.open if str(path).lower().endswith(".gz") else open
+    with opened(path, "rb") as file:
         if not file.read(14).lower().startswith(b"%%matrixmarket"):
             raise ValueError(
                 "the file does not begin with %%MatrixMarket: read a matrix of Abaqus by "
                 "read_abaqus"
             )
     known = "spmatrix" in inspect.signature(io.mmread).parameters
-    return io.mmread(path, **({"spmatrix": False} if known else {}))
+    options = {"spmatrix": False} if known else {}
+    try:
+        return io.mmread(path, **options)
+    except ValueError:
+        with opened(path, "rb") as file:
+            text = file.read()
+        changed = re.sub(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
+        if changed == text:
+            raise
+        return io.mmread(BytesIO(changed), **options)
 
 
 def _in_hdf5(path: str, group: str) -> Opened:
