@@ -21,9 +21,10 @@ from importlib import import_module
 from typing import Any
 
 from fenics_ehd.base.lazy import lazily
-from fenics_ehd.base.libraries import require_matching_numpy
+from fenics_ehd.base.libraries import load_mpi_first, require_matching_numpy
 
 require_matching_numpy()
+load_mpi_first()
 
 __version__ = "0.4.0.dev0"
 

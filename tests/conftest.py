@@ -3,12 +3,17 @@
 # ruff: noqa: E402
 
 import os
+import sys
 
 # As the command line does, before numpy is imported: results to the last bit depend on it.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 # Parts are reduced, in this process and in those that tests start; `test_kept_bodies` has caches.
 os.environ["FENICS_EHD_CACHE"] = "off"
+# Else each process that a test starts compiles the modules of the package again, if the shell has
+# switched off the files with their bytecode.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 # Processes of pytest-xdist inherit what MPI set for the one that starts them: no mpirun would
 # start from there.
 if "PYTEST_XDIST_WORKER" in os.environ:

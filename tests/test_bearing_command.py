@@ -188,7 +188,7 @@ def test_numbers_far_from_any_bearing_end_in_one_line(call, as_json, tmp_path, m
     monkeypatch.chdir(tmp_path)
     status, out, err = call(
         "--eccentricity", 0.3, "--speed", 0, "--squeeze", 1e-300, 0, "--groove", 90, 20, 0.1,
-        *as_json,
+        "--cells", "12x2", *as_json,
     )  # fmt: skip
     assert (status, out) == (1, "")
     assert err.count("\n") == 1

@@ -4,18 +4,21 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 
 import pytest
-from command_line import exit_of, start
-from sweep_cases import results, rows_of, sweep_inline, write_scene
+from command_line import call, exit_of
+from sweep_cases import RIGID, results, rows_of, scene_as, sweep_inline, write_scene
 
 from fenics_ehd.base.processes import for_mpirun, mpirun
-from fenics_ehd.study.sweep import make_sweep
+from fenics_ehd.study.plan import FILM
+from fenics_ehd.study.sweep import SweepFolder, make_sweep
 
 WITHOUT = "Debian's python3-distributed is missing: debian-packages-tests.txt"
-#: Enough cases for one worker to be killed in the middle of them.
-MANY = "clearance=14e-6:20e-6:12"
+#: More cases than two workers have at the same time, so that a worker is killed before the last.
+MANY = "clearance=14e-6:20e-6:6"
+
+#: Time that scheduler and workers have to start on a machine that is busy [s].
+PATIENCE = 180
 
 SCRIPT = """
 import sys
@@ -25,13 +28,14 @@ from mpi4py.futures import MPIPoolExecutor
 if __name__ == "__main__":
     scene, folder = sys.argv[1:]
     with MPIPoolExecutor() as executor:
-        ehd.sweep(scene, {"clearance": "14e-6:20e-6:12"}, executor=executor, folder=folder)
+        ehd.sweep(scene, {"clearance": "14e-6:20e-6:6"}, executor=executor, folder=folder)
 """
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return write_scene(tmp_path_factory.mktemp("scene"))
+    values = {**RIGID, "time.revolutions": 0.001, FILM: 0.5}
+    return write_scene(tmp_path_factory.mktemp("scene"), scene_as("slider-crank-paper", values))
 
 
 @pytest.fixture(scope="module")
@@ -46,13 +50,6 @@ def free_port():
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         return listener.getsockname()[1]
-
-
-def wait_for(condition, seconds=120):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 @pytest.fixture
@@ -70,8 +67,8 @@ def scheduler():
     ]
     processes += workers
     try:
-        with distributed.Client(address, timeout=60) as client:
-            client.wait_for_workers(2, timeout=60)
+        with distributed.Client(address, timeout=PATIENCE) as client:
+            client.wait_for_workers(2, timeout=PATIENCE)
         yield address, workers
     finally:
         for process in processes:
@@ -79,13 +76,18 @@ def scheduler():
             process.wait()
 
 
-def test_a_worker_that_is_killed_costs_no_row(scene, local, scheduler, tmp_path):
+def test_a_worker_that_is_killed_costs_no_row(scene, scheduler, local, tmp_path, monkeypatch):
     address, workers = scheduler
-    process = start(["sweep", scene, "--set", MANY, "-o", tmp_path, "--scheduler", address])
-    table = tmp_path / "sweep.csv"
-    wait_for(lambda: table.is_file() and len(rows_of(tmp_path)) > 1)
-    workers[0].send_signal(signal.SIGKILL)
-    assert process.wait(timeout=120) == 0
+    add = SweepFolder.add
+
+    def kill_after_first_row(folder, case, result):
+        add(folder, case, result)
+        workers[0].send_signal(signal.SIGKILL)
+
+    monkeypatch.setattr(SweepFolder, "add", kill_after_first_row)
+    monkeypatch.setattr("fenics_ehd.study.scheduler.PATIENCE", PATIENCE)
+    assert call("sweep", scene, "--set", MANY, "-o", tmp_path, "--scheduler", address) == 0
+    assert workers[0].wait(timeout=PATIENCE) == -signal.SIGKILL
     assert results(rows_of(tmp_path)) == local
 
 
@@ -119,7 +121,7 @@ def test_ranks_of_mpi_find_the_same_rows(scene, local, tmp_path):
         env=for_mpirun() | {"OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
-        timeout=200,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     assert results(rows_of(tmp_path / "out")) == local

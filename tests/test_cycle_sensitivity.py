@@ -390,6 +390,8 @@ def test_geometry_goes_by_differences():
         {
             "joints.big_end.cells": [12, 3],
             "time.tolerance": 1e-3,
+            "bodies.rod.geometry.bore_cells_around": 10,
+            "bodies.rod.geometry.bore_cells_along": 2,
             "bodies.rod.reduction.estimate_error": False,
         },
     )
@@ -409,12 +411,13 @@ def test_a_film_whose_heat_is_balanced_takes_its_temperature_along():
             "lubricants.oil": {"grade": "ISO VG 46"},
             "joints.bearing.heat": {"supply_temperature": 60.0, "tolerance": 1e-3},
             "joints.bearing.shear_rule": "full",
-            "time.tolerance": 1e-5,
+            "time.tolerance": 3e-5,
         },
     )
     # At one temperature the film's is -0.3: the wider bearing is the cooler one.
     found = scene_sensitivity(heated, ["min_film_thickness"], [CLEARANCE])
     clearance, own = found.parameters[0], found.objectives[0]
-    expected = by_runs(heated, clearance, [own])[own] * clearance.value / found.values[own]
+    slope = by_runs(heated, clearance, [own], share=0.02)[own]
+    expected = slope * clearance.value / found.values[own]
     assert expected > 0.1
     assert found.elasticity(own, clearance) == pytest.approx(expected, abs=0.01)

@@ -20,6 +20,7 @@ from fenics_ehd.analysis.error_budget import (
     SETTLED,
     Estimator,
     missing_gaps,
+    remaining_part,
     summed,
 )
 from fenics_ehd.analysis.error_curves import ErrorCurves, Extreme
@@ -185,24 +186,30 @@ def test_notes_are_printed_once():
 
 
 @pytest.mark.parametrize(
-    ("moved", "left", "contraction", "start"),
+    ("moved", "left", "contraction", "growths", "start"),
     [
-        (1e-3, 2e-4, 0.2, 2.5e-4),
-        (1e-9, 2e-9, 2.0, 2e-8),
-        (4e-4, 5e-4, 1.2, 5e-3),
-        (4e-2, 5e-4, 1.2, NOT_ESTIMATED),
-        (4e-2, 5e-2, 1.2, NOT_ESTIMATED),
-        (np.nan, 1e-9, np.nan, NOT_ESTIMATED),
+        (1e-3, 2e-4, 0.2, [], 2.5e-4),
+        (1e-3, 2e-4, 0.2, [(1.0, 0.7)], 2.5e-4),
+        (1e-9, 2e-9, 2.0, [], 2e-8),
+        (4e-4, 5e-4, 1.2, [], 5e-3),
+        (4e-4, 5e-4, 1.2, [(3.0, 0.9), (1.0, 1.1)], 1e-3),
+        (4e-4, 5e-4, 1.2, [(1.0, 1.5)], 5e-3),
+        (4e-4, 5e-4, 1.2, [(0.0, 0.0)], 5e-3),
+        (4e-2, 5e-4, 1.2, [], NOT_ESTIMATED),
+        (4e-2, 5e-2, 1.2, [(1.0, 0.5)], NOT_ESTIMATED),
+        (np.nan, 1e-9, np.nan, [], NOT_ESTIMATED),
+        (0.0, 0.0, 0.0, [], 0.0),
     ],
 )
-def test_a_cycle_that_repeats_to_its_noise_is_off_by_what_is_left(moved, left, contraction, start):
-    """Where nothing moves any more the ratio of two cycles' changes is one of rounding."""
+def test_the_start_error_of_cycles_that_change_by_noise(moved, left, contraction, growths, start):
+    """If nothing moves but noise, the ratio of replays is used, not that of the noise."""
     cycles = SimpleNamespace(moved=moved, left=left, contraction=contraction, periodicity=1e-4)
+    decay = Estimator._decay.fget(SimpleNamespace(_growths=growths))
     peaks = {"pin": {"max_pressure": (1e7, 0.0)}}
     estimator = SimpleNamespace(
         _cycles=cycles,
         _summary=SimpleNamespace(extremes=peaks, former_extremes=peaks),
-        _run=SimpleNamespace(control=SimpleNamespace(tolerance=1e-3)),
+        _remaining_part=remaining_part(cycles, 1e-3, decay),
     )
     _, over_cycle = Estimator._start(estimator, "pin", "max_pressure")
     assert over_cycle == (start if isinstance(start, str) else pytest.approx(start))

@@ -9,7 +9,15 @@ from test_error_budget import END, machine
 
 import fenics_ehd as ehd
 from fenics_ehd.analysis.error_curves import near_extreme
-from fenics_ehd.analysis.figure_errors import acting_part, extreme_column, mean_column
+from fenics_ehd.analysis.figure_errors import (
+    CLOCK,
+    CYCLE,
+    acting_part,
+    distance,
+    extreme_column,
+    mean_column,
+    midpoints_added,
+)
 from fenics_ehd.cli.run import joint_lines
 from fenics_ehd.multibody.figures import (
     ERROR_ITSELF,
@@ -125,3 +133,34 @@ def test_a_mean_of_short_events_does_not_rely_on_cancellation():
     assert acting_part(np.full(4, 3.0), lengths) == pytest.approx(1.0)
     assert acting_part(np.array([0.0, 5.0, 0.0, 0.0]), lengths) == pytest.approx(0.2)
     assert acting_part(np.zeros(4), lengths) == 1.0
+
+
+def test_columns_between_steps_are_smooth():
+    times = np.array([0.0, 1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0])
+    columns = {
+        "time_s": times,
+        CYCLE: np.array([1.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0]),
+        CLOCK: np.array([8.0, 1.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0]),
+        "line": 3.0 * times + 1.0,
+        "unknown": np.full(8, np.nan),
+    }
+    finer = midpoints_added(columns)
+    assert len(finer["time_s"]) == 15
+    np.testing.assert_allclose(finer["time_s"][:7], [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0])
+    np.testing.assert_allclose(finer["line"], 3.0 * finer["time_s"] + 1.0)
+    np.testing.assert_array_equal(finer[CYCLE][:3], [1.0, 2.0, 2.0])
+    np.testing.assert_allclose(finer[CLOCK][:4], [8.0, 0.5, 1.0, 1.5])
+    assert np.isnan(finer["unknown"]).all()
+
+
+def test_amplitude_and_phase_of_an_orbit_share_their_errors():
+    """A change across the orbit's part is one of its phase, but counts for its amplitude, too."""
+    run = {"orbit_1x_amplitude_m": 2e-6, "orbit_1x_phase_deg": 179.0, "mean_force_N": 5.0}
+    turned = {"orbit_1x_amplitude_m": 2e-6, "orbit_1x_phase_deg": -179.0, "mean_force_N": 4.0}
+    across = 2e-6 * np.radians(2.0)
+    assert distance("orbit_1x_amplitude_m", run, turned) == pytest.approx(0.5 * across, rel=1e-3)
+    assert distance("orbit_1x_phase_deg", run, turned) == pytest.approx(2.0, rel=1e-3)
+    assert distance("mean_force_N", run, turned) == 1.0
+    assert np.isnan(distance("mean_flow_m3_per_s", {"mean_flow_m3_per_s": 1.0}, {}))
+    resting = run | {"orbit_1x_amplitude_m": 0.0}
+    assert distance("orbit_1x_phase_deg", resting, turned) == pytest.approx(91.0)

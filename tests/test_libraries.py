@@ -1,5 +1,6 @@
 """A NumPy from PyPI that hides Debian's is refused in one line, before compiled libraries fail."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -90,6 +91,9 @@ def test_an_environment_of_wheels_alone_is_accepted(tmp_path, monkeypatch):
     folder = other_numpy(tmp_path, "9.9.1")
     monkeypatch.setattr(libraries, "origin", lambda name: str(folder / name / "__init__.py"))
     assert libraries.numpy_conflict() == ""
+    monkeypatch.setattr(sys, "path", [str(folder)])
+    monkeypatch.setattr(libraries, "origin", lambda name: pytest.fail(f"looked for {name}"))
+    assert libraries.numpy_conflict() == ""
 
 
 @pytest.mark.parametrize(
@@ -102,3 +106,38 @@ def test_an_environment_of_wheels_alone_is_accepted(tmp_path, monkeypatch):
 def test_the_remedy_fits_the_folder(folder, remedy, monkeypatch):
     monkeypatch.delenv("PYTHONPATH", raising=False)
     assert remedy in libraries._without(Path(folder))
+
+
+def test_mpi_is_loaded_before_dolfinx_of_pypi_and_not_by_looking_for_it(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "loaded_first.py").write_text("")
+    (tmp_path / "needs_other.py").write_text("import sys\nready = 'loaded_first' in sys.modules\n")
+    finder = libraries.LoadedFirst(["needs_other"], "loaded_first")
+    monkeypatch.setattr(sys, "meta_path", [finder, *sys.meta_path])
+    assert libraries.origin("needs_other") == str(tmp_path / "needs_other.py")
+    assert "loaded_first" not in sys.modules
+    try:
+        assert importlib.import_module("needs_other").ready
+    finally:
+        for name in ("needs_other", "loaded_first"):
+            sys.modules.pop(name, None)
+
+
+def test_the_package_changes_the_order_of_imports_only_if_dolfinx_is_pypis(monkeypatch):
+    finders = list(sys.meta_path)
+    monkeypatch.setattr(sys, "meta_path", finders)
+    for origin, added in (("", 0), ("/x/dolfinx_solver/__init__.py", 1)):
+        former = len(finders)
+        monkeypatch.setattr(libraries, "origin", lambda _name, origin=origin: origin)
+        libraries.load_mpi_first()
+        assert len(finders) == former + added
+    assert finders[0].names == ("dolfinx", "petsc4py.lib", "slepc4py.lib")
+    assert finders[0].first == "mpi4py.MPI"
+
+
+@pytest.mark.skipif(not libraries.origin("dolfinx_solver"), reason="dolfinx is not PyPI's")
+@pytest.mark.parametrize("library", ["dolfinx", "petsc4py.PETSc", "slepc4py.SLEPc"])
+def test_libraries_of_pypi_are_imported_after_the_package(library):
+    code = f"import fenics_ehd, {library}"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr

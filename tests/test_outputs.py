@@ -1,11 +1,12 @@
 """Outputs that must never replace something: folders of other commands, inputs, other files."""
 
 import os
+import shutil
 
 import h5py
 import numpy as np
 import pytest
-from command_line import exit_of
+from command_line import call, exit_of
 from hand_made_rod import Joint, make_body
 from scene_cases import ROD_OF_A_FILE, write_scene
 from test_run_folder import contents
@@ -24,6 +25,16 @@ def workplace(tmp_path, monkeypatch):
     ehd.save_body(make_body(Joint()), tmp_path / "rod.h5")
     write_scene(tmp_path / "s.toml", "slider-crank-paper", SHORT)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def completed(tmp_path_factory):
+    """Folder of a completed run of that scene, made by the command; it is copied, not changed."""
+    folder = tmp_path_factory.mktemp("completed")
+    ehd.save_body(make_body(Joint()), folder / "rod.h5")
+    scene = write_scene(folder / "s.toml", "slider-crank-paper", SHORT)
+    assert call("run", scene, "--no-plots", "-o", folder / "done") == 0
+    return folder / "done"
 
 
 #: What each command lists in its folder, in version 0.3.
@@ -57,16 +68,16 @@ def fill(folder, maker, *, entry):
 
 @pytest.mark.parametrize("entry", [True, False])
 @pytest.mark.parametrize("maker", LISTS)
-def test_no_command_writes_into_the_folder_of_another(maker, entry, workplace, capfd):
-    assert exit_of(capfd, *OWNERS["run"], "done")[0] == 0
+def test_no_command_writes_into_the_folder_of_another(maker, entry, workplace, completed, capfd):
+    shutil.copytree(completed, "done")
     fill(workplace / "there", maker, entry=entry)
     assert made_by(workplace / "there") == maker
     before = contents(workplace / "there")
-    for command, call in OWNERS.items():
+    for command, arguments in OWNERS.items():
         for more in ((), ("--overwrite",)):
             if command == maker or (more and command in ("plot", "paraview")):
                 continue
-            status, _, errors = exit_of(capfd, *call, "there", *more)
+            status, _, errors = exit_of(capfd, *arguments, "there", *more)
             assert status == 2, (command, more)
             assert f"there was made by fenics-ehd {maker}, not by {command}" in errors
             assert contents(workplace / "there") == before
@@ -116,8 +127,8 @@ def test_pictures_of_one_run_do_not_replace_those_of_another(workplace, capfd):
 
 
 @pytest.mark.parametrize("status", [None, "interrupted", "failed: history.h5: No space left"])
-def test_a_stopped_run_is_not_begun_anew_unasked(status, workplace, capfd):
-    assert exit_of(capfd, *OWNERS["run"], "out")[0] == 0
+def test_a_stopped_run_is_not_begun_anew_unasked(status, workplace, completed, capfd):
+    shutil.copytree(completed, "out")
     summary = workplace / "out" / "summary.json"
     if status is None:
         summary.unlink()
@@ -170,14 +181,14 @@ OTHERS = {
 @pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("writer", WRITERS)
 def test_an_output_replaces_no_file_of_another_kind(writer, other, workplace, capfd):
-    call, name = WRITERS[writer]
+    arguments, name = WRITERS[writer]
     OTHERS["mesh"](workplace / "mesh.msh")
     (workplace / "done").mkdir()
     if (name, other) == ("a.png", "PNG"):
         pytest.skip("a picture is replaced by a picture")
     OTHERS[other](workplace / name)
     before = contents(workplace)
-    status, output, errors = exit_of(capfd, *call, name)
+    status, output, errors = exit_of(capfd, *arguments, name)
     assert status == 2
     assert f"{name} exists and is not " in errors or "cannot read it" in errors
     assert "Traceback" not in errors
@@ -216,17 +227,18 @@ def test_an_output_replaces_no_input(link, workplace, capfd):
         before = contents(workplace)
         for option in ("-o", "--basis"):
             more = () if option == "-o" else ("-o", "new.h5")
-            call = ("reduce", "rod", "--scene", "s.toml", *more, option, target)
-            status, _, errors = exit_of(capfd, *call)
+            status, _, errors = exit_of(
+                capfd, "reduce", "rod", "--scene", "s.toml", *more, option, target
+            )
             assert status == 2
             assert f"{option} {target}" in errors or "has 0 flexible bodies" in errors
             assert contents(workplace) == before
 
 
 @pytest.mark.parametrize("more", [(), ("--overwrite",)])
-def test_a_folder_of_results_replaces_no_input(more, workplace, capfd):
+def test_a_folder_of_results_replaces_no_input(more, workplace, completed, capfd):
     """A run of its own scene, of a body of its own, or of a former run's."""
-    assert exit_of(capfd, *OWNERS["run"], "out")[0] == 0
+    shutil.copytree(completed, "out")
     before = contents(workplace)
     calls = [
         ("run", "out/scene.toml", "--no-plots", "-o", "out"),
@@ -235,8 +247,8 @@ def test_a_folder_of_results_replaces_no_input(more, workplace, capfd):
     ]
     (workplace / "many").mkdir()
     (workplace / "many" / "sweep.csv.toml").write_text((workplace / "s.toml").read_text())
-    for call in calls[:2]:
-        status, _, errors = exit_of(capfd, *call, *more)
+    for arguments in calls[:2]:
+        status, _, errors = exit_of(capfd, *arguments, *more)
         assert status == 2
         assert "-o out: the command reads" in errors
         found = contents(workplace)

@@ -152,7 +152,7 @@ def figures_on_the_pages(folder):
 def test_pages_tell_the_same(folder):
     page = (folder / "report.html").read_text()
     markdown = (folder / "report.md").read_text()
-    for words in ("Error of each method", "given up", "full-6: not run", "some", "cells"):
+    for words in ("Error and computing time", "given up", "full-6: not run", "some", "cells"):
         assert words in page
         assert words in markdown
     assert "some &lt;processor&gt;" in page
@@ -275,7 +275,7 @@ def test_a_study_that_has_hardly_begun_is_reported(tmp_path, capfd):
     status, output, _ = exit_of(capfd, "report", tmp_path)
     assert not status
     assert output.strip() == str(tmp_path / "report.html")
-    assert "12 of 12 are still to come" in (tmp_path / "report.md").read_text()
+    assert "12 of 12 have not been run yet" in (tmp_path / "report.md").read_text()
 
 
 #: What every study tells.
@@ -308,13 +308,15 @@ def test_what_is_no_study_is_refused_in_one_line(content, words, tmp_path, capfd
 def test_what_is_known_of_the_reference_s_own_errors_is_told_for_every_joint(tmp_path):
     study = write_study(tmp_path, [m4(1e-5, 1e-5)])
     assert unknown_floors(study) == ["basis"]
-    assert "by its basis is not known" in words(study)
+    assert "error of the reference by its basis was not computed" in words(study)
     film = {"joints": {"a": {"pressure_max": 0.02, "film_max": 0.03},
                        "b": {"pressure_max": 0.04, "film_max": 0.05}}}  # fmt: skip
     study = write_study(tmp_path, [m4()], ("a", "b"), reference={"film": film})
     assert [joint.own_error("film", FILM) for joint in study.joints] == [0.03, 0.05]
-    message = "b: the film mesh, which all methods have in common, adds 4 % and 5 %"
-    assert message in words(study)
+    shared = (
+        "b: all runs share the error of the film mesh, which is 4 % of the peak pressure and 5 %"
+    )
+    assert shared in words(study)
 
 
 def test_the_true_gap_of_the_reference_bounds_what_a_run_can_be_seen_to_have(tmp_path):

@@ -13,8 +13,17 @@ from command_line import call, exit_of
 import fenics_ehd as ehd
 from fenics_ehd.analysis import rotor_map as engine
 from fenics_ehd.cli.main import main
+from fenics_ehd.cli.rotor import report
 from fenics_ehd.multibody.mechanism import System
-from fenics_ehd.plotting.rotor import campbell, decrement, mode_shapes
+from fenics_ehd.plotting.picture import plt
+from fenics_ehd.plotting.rotor import (
+    LABEL_DISTANCE,
+    MARGIN,
+    campbell,
+    decrement,
+    label_curves,
+    mode_shapes,
+)
 from fenics_ehd.scenes.kept_bodies import checksum
 from fenics_ehd.scenes.rotor_map import plan_map
 from fenics_ehd.scenes.scene import scene_text
@@ -509,7 +518,30 @@ def test_pictures_are_drawn_without_a_limit_and_without_a_shaft():
         (axes, *_) = figure.axes
         labels = [text.get_text() for text in axes.get_legend().get_texts()]
         assert labels[-1] == "no equilibrium"
-        assert axes.get_xlim()[1] == pytest.approx(900.0 * 30 / np.pi)
+        ends = np.array([500.0 - MARGIN * 400.0, 900.0 + MARGIN * 400.0])
+        assert axes.get_xlim() == pytest.approx(ends * 30 / np.pi)
+    # The map of one speed prints its modes; the diagram reaches 15 % above the 1x line.
+    (axes, *_) = campbell(chart).axes
+    assert axes.get_ylim()[1] == pytest.approx(1.15 * 500.0 / (2 * np.pi))
+    summary = {"scene": "rotor", "stable_at_first_speed": True, "meshes": 1, "directory": "map"}
+    lines = report(chart, summary)
+    root = next(root for root in chart.roots[:, 0] if root.imag > 0)
+    (line,) = [line.split() for line in lines if line.startswith("1 ")]
+    assert line[1] == f"{root.imag:.5g}"
+    assert float(line[3]) == pytest.approx(-root.real / abs(root), abs=5e-4)
+
+
+def test_numbers_of_curves_that_end_at_one_speed_are_apart_and_within_the_diagram():
+    figure, axes = plt.subplots()
+    axes.set(xlim=(0.0, 10.0), ylim=(0.0, 100.0))
+    heights = [10.0, 10.5, 11.0, 98.0, 99.0, 99.5]
+    label_curves(axes, {number: (8.0, height) for number, height in enumerate(heights)})
+    positions = [text.xyann for text in axes.texts]
+    drawn = np.array([height for _, height in positions])
+    assert np.diff(drawn).min() >= 100.0 * LABEL_DISTANCE * (1 - 1e-9)
+    assert drawn.max() <= 100.0
+    assert {text.xy for text in axes.texts} == {(8.0, height) for height in heights}
+    plt.close(figure)
 
 
 def test_help_loads_no_arrays(capfd):

@@ -11,7 +11,9 @@ from fenics_ehd.analysis.equilibrium import stability
 from fenics_ehd.analysis.film_meshes import in_basis, mean_linearisation
 from fenics_ehd.analysis.modes import (
     damping_ratio,
+    damping_ratio_scatter,
     log_decrement,
+    log_decrement_scatter,
     matched,
     modes_of,
     root_scatter,
@@ -323,6 +325,18 @@ def test_the_scatter_of_roots_is_that_of_the_meshes():
     assert slow.sum() >= 4
     np.testing.assert_allclose(scatter[slow], exact[slow], atol=0.05 * np.abs(exact[slow]).max())
     assert not root_scatter(modes, mean, parts[:1]).any()
+    for of_root, scatter_of in (
+        (damping_ratio, damping_ratio_scatter),
+        (log_decrement, log_decrement_scatter),
+    ):
+        for i in np.flatnonzero(slow):
+            half_range = 0.5 * np.ptp([of_root(root) for root in each[:, i]])
+            largest = scatter_of(modes.roots[i], scatter[i])  # the two parts share a cause
+            # Errors of the two parts have any signs: the sum of sizes is at most twice their range.
+            print(half_range, largest)
+            assert 0.9 * half_range <= largest <= 2.0 * half_range
+    assert damping_ratio_scatter(-5.0 + 0j, 1.0 + 1.0j) == 0.0
+    assert log_decrement_scatter(-5.0 + 0j, 1.0 + 1.0j) is None
 
 
 def cells(around):

@@ -239,6 +239,7 @@ def test_a_run_of_0_3_and_a_run_of_python_have_a_page(no_pictures, tmp_path):
     assert report(former) == 0
     history = ehd.load_history(former)
     assert sorted(page_of(former).names + hidden(history)) == sorted(full_names(history.summary()))
+    assert "9.746 MPa ± 0.68 % in" in page_of(former).text  # the budget, without other errors
     own = tmp_path / "own"
     ehd.load_history(former).save(own)
     (own / "scene.toml").unlink(missing_ok=True)

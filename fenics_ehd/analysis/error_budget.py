@@ -334,6 +334,7 @@ class Estimator:
         self._curves = ErrorCurves(self._trajectory)
         self.iterations = 0
         self._left_out = 0.0
+        self._growths: list[tuple[float, float]] = []
         control = solved.run.control
         share_of_run = len(self._trajectory.times) / solved.counts["steps"]
         self._other_formula = share_of_run <= SMALL_SHARE and control.order > 1
@@ -455,12 +456,24 @@ class Estimator:
         """Curves of the change between two trajectories, times a factor, after many cycles."""
         return self._curves.change(before, after, factor, self._remaining(before, after))
 
+    @property
+    def _decay(self) -> float:
+        """Ratio by which differences between trajectories are multiplied in a cycle.
+
+        It is the ratio of the sums over all components, of their growth in the second cycle and in
+        the first, so that components with large differences count most. It is at most `SLOWEST`,
+        and `SLOWEST` if no ratio is known.
+        """
+        first, second = np.sum(self._growths, axis=0) if self._growths else (0.0, 0.0)
+        return float(min(second / first, SLOWEST)) if first else SLOWEST
+
     def _remaining(self, before: Trajectory, after: Trajectory) -> float:
         """Ratio by which the growth of a change between trajectories is multiplied in a cycle.
 
         The ratio is the growth in the second cycle over the growth in the first cycle. It has a
         sign, unlike the contraction of a cycle. For instance, a whirl at half the speed reverses
-        the sign of the change from cycle to cycle.
+        the sign of the change from cycle to cycle. The sizes of both growths are stored for
+        `_decay`.
         """
         cycles = self._cycles
         norm = self._run.norm
@@ -475,7 +488,9 @@ class Estimator:
         difference = changed - gaps
         first = times[-1] - cycles.period
         once = np.array([np.interp(first, times, column) for column in difference.T])
-        return float((difference[-1] - once) @ once / (once @ once)) if once.any() else 0.0
+        growth = difference[-1] - once
+        self._growths.append((float(np.linalg.norm(once)), float(np.linalg.norm(growth))))
+        return float(growth @ once / (once @ once)) if once.any() else 0.0
 
     def _change_by_films(self, again: Trajectory) -> np.ndarray:
         """Curves of the film mesh error; `again` is the replay of the run in long steps."""
@@ -565,40 +580,44 @@ class Estimator:
         cycles = self._cycles
         if cycles is None:
             return NOT_APPLICABLE, NOT_APPLICABLE
-        remaining = remaining_distance(cycles, self._run.control.tolerance)
-        if remaining is None:
+        part = self._remaining_part
+        if part is None:
             return NOT_ESTIMATED, NOT_ESTIMATED
         now = self._summary.extremes[joint][quantity][0]
         then = self._summary.former_extremes[joint][quantity][0]
-        part = remaining / cycles.moved if cycles.moved else 0.0
         extreme = float(part * abs(now - then) / now)
-        return extreme, max(extreme, float(remaining))
+        return extreme, max(extreme, float(part * cycles.moved))
 
     @property
     def _remaining_part(self) -> float | None:
-        """Distance from the periodic state, over that between the starts of the last two cycles.
-
-        The result is 0 for a run without cycles, and None if the distance is not known.
-        """
-        if self._cycles is None or not self._cycles.moved:
-            return 0.0
-        remaining = remaining_distance(self._cycles, self._run.control.tolerance)
-        return None if remaining is None else remaining / self._cycles.moved
+        """See `remaining_part`."""
+        return remaining_part(self._cycles, self._run.control.tolerance, self._decay)
 
 
-def remaining_distance(cycles: PeriodicSolver, tolerance: float) -> float | None:
-    """Relative distance of the gaps at the end of a search from the periodic state [-].
+def remaining_part(
+    cycles: PeriodicSolver | None, tolerance: float, decay: float = SLOWEST
+) -> float | None:
+    """Distance from the periodic state, over that between the starts of the last two cycles [-].
 
-    The result is None if it is not known. `tolerance` is that of the steps.
+    The result is 0 for a run without cycles, and None if the distance is not known.
+
+    Parameters
+    ----------
+    cycles, tolerance
+        Search for a periodic solution, and tolerance of the steps.
+    decay
+        Ratio by which a difference between two trajectories is multiplied in a cycle. It replaces
+        the contraction of the cycles if the changes from cycle to cycle are only noise.
     """
+    if cycles is None or not cycles.moved:
+        return 0.0
     contraction = cycles.contraction
     if not contraction < 1.0:
         noise = max(cycles.periodicity, CYCLE_NOISE * tolerance)
         if not max(cycles.moved, cycles.left) <= noise:
             return None
-        # The changes are noise, so that their ratio is not the contraction of a cycle.
-        contraction = SLOWEST
-    return cycles.left / (1.0 - contraction)
+        contraction = decay
+    return cycles.left / (1.0 - contraction) / cycles.moved
 
 
 def _one_line(error: Exception) -> str:

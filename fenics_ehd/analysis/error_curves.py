@@ -132,7 +132,7 @@ class ErrorCurves:
         changes = []
         each = (trajectory.curves(self.columns) for trajectory in (before, after))
         for values, changed in zip(*each, strict=True):
-            curves = _curve(before.times, values), _curve(after.times, changed)
+            curves = smooth_curve(before.times, values), smooth_curve(after.times, changed)
             changes.append(factor * self._between(*curves, min(remaining, SLOWEST)))
         return np.array(changes)
 
@@ -165,7 +165,7 @@ def _linear(wanted: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.nda
     return np.column_stack([np.interp(wanted, times, column) for column in values.T])
 
 
-def _curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def smooth_curve(times: np.ndarray, values: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """Function that evaluates smooth curves through values at given times, shape (k, joints).
 
     The function takes times; it returns nan outside of the range of the given times.

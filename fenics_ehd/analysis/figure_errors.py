@@ -5,13 +5,16 @@ instant, or a combination of these. Every component of the error budget has curv
 minus computed) of all columns. The figure is computed again from the columns plus these curves, by
 the same summary (`RunSummary.figures`), and the change of the figure is its error by the component.
 
-The error of an extreme is the mean of this change and of the root mean square of the error curve
-near the extreme, as for peak pressures. The mean of a quantity that acts over a small part of the
-cycle, such as the force of asperities, is similar: a cancellation within a short event is a
-coincidence. With the change d of the mean, the mean a of the absolute value of the error curve, and
-the part p of the cycle over which the quantity acts, the error of a mean is
+Errors that cancel by coincidence count:
 
-    |d| + (1 - p) (a - |d|) / 2.
+- The error of an extreme is the mean of this change and of the root mean square of the error curve
+  near the extreme, as for peak pressures.
+- An orbit's part has an amplitude and a phase. The error of both is the mean of their own change
+  and of the distance in the complex plane, relative to the amplitude.
+- A quantity that acts over a part p of the cycle, such as the force of asperities, has a mean whose
+  error may cancel within a short event. With the change d of the mean and the mean a of the
+  absolute value of the error curve, the error of a mean is
+  ``|d| + max((1 - p) / 2, 1 - 2 p) (a - |d|)``: all of a for a short event, ``|d|`` for p = 1.
 
 The total is the sum of all components.
 """
@@ -24,14 +27,15 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_ehd.analysis.error_curves import near_extreme
+from fenics_ehd.analysis.error_curves import near_extreme, smooth_curve
 from fenics_ehd.multibody.figures import numbers, reason_of
 from fenics_ehd.multibody.film_binding import FilmBinding
 from fenics_ehd.multibody.summary import RunSummary
 from fenics_ehd.multibody.trust import NOT_ESTIMATED
 
-#: Assumed order of the error of a mean over steps, for columns whose slopes jump.
-QUADRATURE_ORDER = 2
+#: Columns of a run about its cycles: number of the cycle, and time since its start [s].
+CYCLE = "run/cycle"
+CLOCK = "run/cycle_time_s"
 
 
 def extreme_column(name: str, columns: tuple[str, ...]) -> str | None:
@@ -63,6 +67,53 @@ def acting_part(values: np.ndarray, weights: np.ndarray) -> float:
     """
     square = float(weights @ values**2) * float(weights.sum())
     return float(weights @ np.abs(values)) ** 2 / square if square else 1.0
+
+
+def midpoints_added(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of steps with another row in the middle of each step, from smooth curves.
+
+    Columns that are not finite everywhere, and the number of the cycle, have the values of the next
+    step in these rows.
+    """
+    times = columns["time_s"]
+    finer = np.interp(np.arange(2 * len(times) - 1) / 2, np.arange(len(times)), times)
+    following = np.searchsorted(times, finer)
+    smooth = {
+        name: values
+        for name, values in columns.items()
+        if name not in (CYCLE, CLOCK) and np.isfinite(values).all()
+    }
+    curves = smooth_curve(times, np.column_stack([*smooth.values()]))(finer)
+    rows = {name: values[following] for name, values in columns.items()}
+    rows |= dict(zip(smooth, curves.T, strict=True))
+    if CLOCK in columns:
+        rows[CLOCK] = rows[CLOCK] - (times[following] - finer)
+    return rows
+
+
+def distance(name: str, figures: Mapping[str, float], others: Mapping[str, float]) -> float:
+    """Distance of the figure `name` in `figures` from that in `others`; nan if it is not in both.
+
+    For the amplitude or phase of an orbit's part, it is the mean of its own distance and that in
+    the complex plane, see the module.
+    """
+    difference = abs(others.get(name, np.nan) - figures[name])
+    if name.endswith("_deg"):
+        difference = abs((difference + 180.0) % 360.0 - 180.0)
+    amplitude = name.replace("_phase_deg", "_amplitude_m")
+    if not name.startswith("orbit_") or amplitude not in others:
+        return difference
+    apart = abs(_complex(others, amplitude) - _complex(figures, amplitude))
+    if name != amplitude:
+        size = figures[amplitude]
+        apart = min(np.degrees(apart / size), 180.0) if size else 180.0
+    return 0.5 * (difference + apart)
+
+
+def _complex(figures: Mapping[str, float], amplitude: str) -> complex:
+    """Part of an orbit as a complex number, by the name of its `amplitude` [m]."""
+    phase = figures[amplitude.replace("_amplitude_m", "_phase_deg")]
+    return complex(figures[amplitude] * np.exp(1j * np.radians(phase)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +189,11 @@ class FigureErrors:
             column = mean_column(name, self.columns)
             if column is not None:
                 row = self.columns.index(column)
-                errors[name] += self._cancelled(name, row, change[row], errors[name])
+                errors[name] = self._mean_error(name, row, change[row], errors[name])
         return errors
 
-    def _cancelled(self, name: str, row: int, change: np.ndarray, error: float) -> float:
-        """Part of an error curve that cancels in a mean, and counts as its error.
+    def _mean_error(self, name: str, row: int, change: np.ndarray, error: float) -> float:
+        """Error of a mean by one component, with errors that cancel by coincidence.
 
         Parameters
         ----------
@@ -158,7 +209,8 @@ class FigureErrors:
             weights = np.where(self.times >= cycle.start, weights, 0.0)
         absolute = float(weights @ np.abs(change) / weights.sum())
         part = acting_part(self.reported[row], weights)
-        return 0.5 * (1.0 - part) * max(absolute - error, 0.0)
+        counted = max(0.5 * (1.0 - part), 1.0 - 2.0 * part)
+        return error + counted * max(absolute - error, 0.0)
 
     def _changed(self, change: np.ndarray) -> RunSummary:
         """Summary of the run with error curves added to the columns of the joint."""
@@ -186,22 +238,19 @@ class FigureErrors:
     def _by_quadrature(self, names: list[str]) -> dict[str, float]:
         """Errors of the figures in `names` because columns are known at the steps only.
 
-        They are estimated from the change of a figure if every other step is left out. Extremes are
-        interpolated between steps, and have no such error.
+        They are the changes of the figures if every column has values in the middle of each step,
+        too, by smooth curves. Extremes are interpolated between steps, and have no such error.
         """
         start = max(self.summary.first - 1, 0)
-        last = len(self.summary.columns["time_s"]) - 1
-        rows = np.unique(np.append(start, np.arange(last, start, -2)))
-        columns = {name: values[rows] for name, values in self.summary.columns.items()}
-        coarse = self._figures(self.summary.with_columns(columns))
+        columns = {name: values[start:] for name, values in self.summary.columns.items()}
+        if len(columns["time_s"]) < 2:
+            return dict.fromkeys(names, 0.0)
+        finer = self._figures(self.summary.with_columns(midpoints_added(columns)))
         return {
-            name: 0.0
-            if extreme_column(name, self.columns)
-            else self._distance(name, coarse) / (2.0**QUADRATURE_ORDER - 1.0)
+            name: 0.0 if extreme_column(name, self.columns) else self._distance(name, finer)
             for name in names
         }
 
     def _distance(self, name: str, others: Mapping[str, float]) -> float:
         """Distance of a figure of the run from the same figure in `others`; nan if unknown."""
-        difference = abs(others.get(name, np.nan) - self.figures[name])
-        return abs((difference + 180.0) % 360.0 - 180.0) if name.endswith("_deg") else difference
+        return distance(name, self.figures, others)

@@ -21,7 +21,7 @@ are ``X = (x, lambda x)`` and ``Y = (Y_1, y)`` with ``Y_1^H = y^H (H'(lambda) - 
   opposite sense (backward whirl), and 0 if they move on straight lines.
 - If the dynamic stiffness changes by ``dH(s)``, the root changes by ``-y^H dH(lambda) x`` to first
   order. The scatter of a root over film meshes follows from the differences between their dynamic
-  stiffness and its mean.
+  stiffness and its mean. The scatter of damping ratio and decrement follows from that of the root.
 - Modes i and j at neighbouring speeds 1 and 2 are the same if their overlap
   ``sqrt |Y_1i^H B_1 X_2j  Y_2j^H B_2 X_1i|`` is near 1. The overlap does not depend on scales.
 
@@ -185,6 +185,24 @@ def damping_ratio(root: complex) -> float:
 def log_decrement(root: complex) -> float | None:
     """Logarithmic decrement of a mode with a given root; None if the root is real."""
     return float(-2 * np.pi * root.real / abs(root.imag)) if root.imag else None
+
+
+def damping_ratio_scatter(root: complex, scatter: complex) -> float:
+    """Scatter of a damping ratio over film meshes, to first order; 0 if the root is real.
+
+    `scatter` is that of the root, see `root_scatter`. Its real and imaginary parts are combined
+    with the worst signs, so that the result is at least half the range of the ratio.
+    """
+    sigma = abs(root.real)
+    nu = abs(root.imag)
+    return float(nu * (nu * scatter.real + sigma * scatter.imag) / abs(root) ** 3) if nu else 0.0
+
+
+def log_decrement_scatter(root: complex, scatter: complex) -> float | None:
+    """Scatter of a logarithmic decrement, as `damping_ratio_scatter`; None if the root is real."""
+    sigma = abs(root.real)
+    nu = abs(root.imag)
+    return float(2 * np.pi * (nu * scatter.real + sigma * scatter.imag) / nu**2) if nu else None
 
 
 # Points of a rotor

@@ -40,6 +40,7 @@ from fenics_ehd.analysis.modes import (
     Modes,
     Stations,
     damping_ratio,
+    damping_ratio_scatter,
     followed,
     matched,
     modes_of,
@@ -163,6 +164,9 @@ class CriticalSpeed(NamedTuple):
         Damping ratio and whirl direction kappa of the mode at this speed.
     scatter
         Half the range of the speed over the film meshes [rad/s]; 0 with one mesh.
+    damping_ratio_scatter
+        Scatter of the damping ratio at this speed over the film meshes [-], see
+        `fenics_ehd.analysis.modes.damping_ratio_scatter`; 0 with one mesh.
     """
 
     speed: float
@@ -170,6 +174,7 @@ class CriticalSpeed(NamedTuple):
     damping_ratio: float
     direction: float
     scatter: float = 0.0
+    damping_ratio_scatter: float = 0.0
 
 
 class StabilityLimit(NamedTuple):
@@ -651,7 +656,8 @@ def _track_of(bare: RotorMap, point: MapPoint, mode: int) -> tuple[int, int]:
 def _critical_speed(bare: RotorMap, point: MapPoint, mode: int) -> CriticalSpeed:
     """Critical speed of the mode with the index `mode` at a point of the map."""
     n, track = _track_of(bare, point, mode)
-    ratio = damping_ratio(point.modes.roots[mode])
+    root = complex(point.modes.roots[mode])
+    of_root = complex(point.scatter[mode])
     frequencies = bare.roots[track].imag
     present = [i for i in (n - 1, n, n + 1) if 0 <= i < len(frequencies)]
     present = [i for i in present if np.isfinite(frequencies[i])]
@@ -659,9 +665,16 @@ def _critical_speed(bare: RotorMap, point: MapPoint, mode: int) -> CriticalSpeed
     slope = 0.0
     if len(present) > 1:
         speeds = np.abs(bare.speeds[present])
-        slope = (frequencies[present[-1]] - frequencies[present[0]]) / (speeds[-1] - speeds[0])
-    scatter = point.scatter[mode].imag / max(abs(1.0 - slope), np.finfo(float).tiny)
-    return CriticalSpeed(point.speed, track, ratio, bare.direction(n, track), float(scatter))
+        rise = frequencies[present[-1]] - frequencies[present[0]]
+        slope = float(rise / (speeds[-1] - speeds[0]))
+    return CriticalSpeed(
+        point.speed,
+        track,
+        damping_ratio(root),
+        bare.direction(n, track),
+        of_root.imag / max(abs(1.0 - slope), float(np.finfo(float).tiny)),
+        damping_ratio_scatter(root, of_root),
+    )
 
 
 def _limit(bare: RotorMap, point: MapPoint) -> StabilityLimit:

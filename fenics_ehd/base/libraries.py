@@ -3,6 +3,9 @@
 SciPy, h5py and dolfinx of Debian are compiled for Debian's NumPy. If pip or PYTHONPATH puts another
 NumPy first, they fail at any point with obscure messages. The test of this module detects that.
 
+PyPI's dolfinx, petsc4py and slepc4py need an MPI library that is already loaded: without it, their
+import fails. This module makes their import load MPI first.
+
 Imports inside functions: the package looks for a conflict whenever it is imported, and must be
 imported quickly. The metadata of distributions are needed only after a conflict.
 """
@@ -12,8 +15,10 @@ from __future__ import annotations
 import io
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import redirect_stderr, suppress
 from importlib import import_module
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -75,8 +80,11 @@ def numpy_conflict() -> str:
 
     A library that is compiled for one version of NumPy works with later versions, except for those
     with another first number. The versions are compared without importing NumPy. There is no
-    conflict if NumPy is Debian's, or if none of the compiled libraries is.
+    conflict if NumPy is Debian's, or if none of the compiled libraries is. No library is looked for
+    if Debian's folder is not on the path.
     """
+    if str(DEBIAN) not in sys.path:
+        return ""
     source = origin("numpy")
     if not source or Path(source).is_relative_to(DEBIAN):
         return ""
@@ -105,6 +113,52 @@ def require_matching_numpy() -> None:
     command = os.path.basename("".join(sys.argv[:1]))
     if command not in ("-m", "fenics-ehd") and (conflict := numpy_conflict()):
         raise ImportError(conflict)
+
+
+#: Modules of PyPI's dolfinx wheel that need MPI at their import, and the module that only this
+#: wheel has.
+WITH_MPI = ("dolfinx", "petsc4py.lib", "slepc4py.lib")
+WHEEL = "dolfinx_solver"
+
+
+class LoadedFirst:
+    """Finder of modules whose import first imports another module.
+
+    Looking for a module imports nothing; only the execution of its code does.
+
+    Attributes
+    ----------
+    names
+        Full names of the modules.
+    first
+        Full name of the module that is imported before the code of each of them is executed.
+    """
+
+    def __init__(self, names: Sequence[str], first: str) -> None:
+        self.names = names
+        self.first = first
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Specification of a module among `names`; None for all others, see `sys.meta_path`."""
+        spec = PathFinder.find_spec(name, path, target) if name in self.names else None
+        if spec is None or spec.loader is None:
+            return None
+        execute = spec.loader.exec_module
+
+        def exec_module(module: ModuleType) -> None:
+            import_module(self.first)
+            execute(module)
+
+        spec.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return spec
+
+
+def load_mpi_first() -> None:
+    """Make later imports of PyPI's dolfinx, petsc4py and slepc4py load MPI first."""
+    if origin(WHEEL):
+        sys.meta_path.insert(0, LoadedFirst(WITH_MPI, "mpi4py.MPI"))
 
 
 def _numpy_in(folder: Path) -> str:

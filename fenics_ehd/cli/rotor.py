@@ -6,7 +6,7 @@ Imports inside functions: ``--help`` must work without NumPy and films, and quic
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isclose
+from math import degrees, isclose
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from fenics_ehd.multibody.forces import Unbalance
     from fenics_ehd.study.rotor_folder import RotorFolder
 
+
+#: Largest number of modes that are printed for a map with one speed, from the lowest frequency.
+LISTED_MODES = 8
 
 #: Relative difference up to which a speed of ``--shapes`` is a speed of the map.
 SAME_SPEED = 1e-9
@@ -85,8 +88,8 @@ def _number(text: str, unit: str) -> float:
     "--speeds",
     required=True,
     metavar="VALUES",
-    help="Speeds of the rotor [rad/s], or with a unit: 1000rpm,2000rpm, or first:last:count, or "
-    "first:last:count:log.",
+    help="Speeds of the rotor [rad/s], or with a unit: a list, 1000rpm,2000rpm, or a range, "
+    "first:last:count or first:last:count:log. Speeds are added where modes change quickly.",
 )
 @click.option(
     "--of",
@@ -99,22 +102,22 @@ def _number(text: str, unit: str) -> float:
     "unbalances",
     multiple=True,
     metavar="POINT=MAGNITUDE[@PHASE]",
-    help="Unbalance [kg m] at a point, and its phase [degrees], whose response is computed, in "
-    "place of the scene's unbalances: shaft.disk=4e-4. Repeatable.",
+    help="Unbalance [kg m] at a point, with its phase [degrees]: shaft.disk=4e-4@90. Its response "
+    "is computed in place of that of the scene's unbalances. Repeatable.",
 )
 @click.option(
     "--shapes",
     metavar="VALUES",
-    help="Speeds whose mode shapes are drawn, as for --speeds and within their range; they are "
-    "added to the map [default: the stability limit, or the middle of the range].",
+    help="Speeds at which mode shapes are drawn, written as for --speeds and within their range; "
+    "they are added to the map [default: the stability limit, or the middle of the range].",
 )
 @click.option(
     "--meshes",
     type=Whole(min=1, max=FILM_MESHES),
     default=FILM_MESHES,
     show_default=True,
-    help="Film meshes over which stiffness and damping are averaged, with 0, 2, 4 and 6 cells more "
-    "around; 1: the mesh of the scene alone.",
+    help="Number of film meshes over which stiffness and damping are averaged: the mesh of the "
+    "scene, then meshes with 2, 4 and 6 more cells around.",
 )
 @output_option("directory", "Folder for tables and pictures [default: results/SCENE-rotor].")
 @click.option(
@@ -123,7 +126,7 @@ def _number(text: str, unit: str) -> float:
     show_default=True,
     help="Draw the diagrams; --no-plots: write tables and summary only.",
 )
-@flag("--overwrite", "Discard the speeds in the folder, and compute all anew.")
+@flag("--overwrite", "Discard the results in the folder, and compute all speeds anew.")
 @no_cache_option
 @json_option
 def rotor(
@@ -141,9 +144,10 @@ def rotor(
     """Campbell diagram, stability limit and unbalance response of the rotor in SCENE.
 
     At each speed the equilibrium of the rotor in its bearings is computed, and the modes of small
-    vibrations about it. Modes are followed over the speed. Critical speeds are crossings of the 1x
-    line with a damping ratio below 0.4. The stability limit is the speed from which a vibration
-    grows (oil whip); whirl ratio is the frequency of this vibration over the speed.
+    vibrations about it. Modes are followed over the speed. At a critical speed, a mode with a
+    damping ratio below 0.4 has the frequency of rotation (1x). Above the stability limit, a
+    vibration grows (oil whip); whirl ratio is its frequency over the speed. With one speed, its
+    modes are printed.
 
     Speeds in the folder that are already complete are not computed again.
     """
@@ -278,25 +282,57 @@ def report(
                 f"{each.speed:.5g}{scatter_text(each.scatter or None)} rad/s",
                 f"{_rpm(each.speed):.0f}",
                 str(each.mode + 1),
-                f"{each.damping_ratio:.3f}",
+                f"{each.damping_ratio:.3f}{scatter_text(each.damping_ratio_scatter or None)}",
                 f"{whirl_name(each.direction).removesuffix(' whirl')} {each.direction:+.2f}",
                 _unstable(chart, each.speed),
             ]
             for each in chart.critical_speeds
         ]
         lines += aligned(rows)
+    elif single:
+        lines += _mode_lines(chart)
     else:
-        between = "at this speed" if single else "in this range of speeds"
-        lines.append(f"no critical speed with a damping ratio below 0.4 {between}")
+        lines.append("no critical speed with a damping ratio below 0.4 in this range of speeds")
     lines += _response_lines(chart)
     lines.append(f"{written} in {summary['directory']}")
     return lines
 
 
+def _mode_lines(chart: RotorMap) -> list[str]:
+    """Lines on the modes of a map with one speed: frequency, damping ratio and whirl."""
+    from fenics_ehd.analysis.modes import damping_ratio, whirl_name
+    from fenics_ehd.analysis.rotor_map import OVERDAMPED
+
+    rows = [["mode", "rad/s", "1/min", "damping ratio", "whirl", ""]]
+    for track, root in enumerate(chart.roots[:, 0].tolist()):
+        if not (root.imag > 0.0 and damping_ratio(root) < OVERDAMPED):
+            continue
+        direction = chart.direction(0, track)
+        rows.append(
+            [
+                str(track + 1),
+                f"{root.imag:.5g}",
+                f"{_rpm(root.imag):.0f}",
+                f"{damping_ratio(root):.3f}",
+                f"{whirl_name(direction).removesuffix(' whirl')} {direction:+.2f}",
+                "unstable" if root.real > 0.0 else "",
+            ]
+        )
+    rows[LISTED_MODES + 1 :] = []
+    return [*aligned(rows), "critical speeds and limits need several speeds"]
+
+
 def _response_lines(chart: RotorMap) -> list[str]:
-    """Lines on the response to unbalances: resonances of all points."""
+    """Lines on the response to unbalances: resonances of all points; amplitudes at one speed."""
     if chart.response is None:
         return []
+    if len(chart.points) == 1:
+        rows = [["unbalance response of", "amplitude", "phase"]]
+        for point in chart.response.points:
+            amplitude = float(chart.response.amplitude(point)[0])
+            phase = degrees(float(chart.response.phase(point)[0]))
+            rows.append([point, f"{1e6 * amplitude:.4g} um", f"{phase:.0f} deg"])
+        return aligned(rows)
     rows = [["resonance of", "rad/s", "1/min", "amplitude", "amplification", ""]]
     for peak in chart.response.resonances:
         factor = "-" if peak.amplification is None else f"{peak.amplification:.3g}"
@@ -311,10 +347,9 @@ def _response_lines(chart: RotorMap) -> list[str]:
             ]
         )
     if len(rows) == 1:
-        some = chart.response.excited and len(chart.points) > 1
-        return ["no resonance in this range of speeds"] if some else []
+        return ["no resonance in this range of speeds"] if chart.response.excited else []
     without = any(row[-2] == "-" for row in rows)
-    note = ["-: on one side the amplitude falls by less than 3 dB, the bandwidth"]
+    note = ["-: no amplification factor, the amplitude falls by less than 3 dB on one side"]
     return [*aligned(rows), *(note if without else [])]
 
 

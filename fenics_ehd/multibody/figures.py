@@ -110,7 +110,7 @@ def figures_of(summary: Mapping[str, Any]) -> list[Figure]:
     figures = []
     for name, joint in summary.get("joints", {}).items():
         lacking = missing_components(joint)
-        errors = joint.get("errors", {})
+        errors = joint.get("errors") or _errors_of_budget(joint)
         for key, value in numbers(joint):
             error = errors.get(key, reason_of(key))
             if isinstance(error, str):
@@ -123,6 +123,23 @@ def figures_of(summary: Mapping[str, Any]) -> list[Figure]:
             known = key == "largest_multiplier" and residual is not None
             figures.append(Figure("", key, value, residual if known else None, RUN_REASONS[key]))
     return figures
+
+
+def _errors_of_budget(joint: Mapping[str, Any]) -> dict[str, float]:
+    """Errors of the extremes of a joint whose summary has an error budget only, as in version 0.3.
+
+    `joint` has the entries of the joint in ``summary.json``.
+    """
+    errors = {}
+    for quantity, entry in (
+        ("max_pressure", "max_pressure_Pa"),
+        ("min_film_thickness", "min_film_thickness_m"),
+    ):
+        total = joint.get("error_budget", {}).get(quantity, {}).get("total")
+        for name in (entry, f"cycle_{entry}"):
+            if isinstance(total, float) and isinstance(joint.get(name), int | float):
+                errors[name] = total * abs(joint[name])
+    return errors
 
 
 def numbers(entries: Mapping[str, Any]) -> Iterator[tuple[str, float]]:

@@ -411,12 +411,22 @@ class Paths:
         angles = np.arange(0, 360, 45)
         axes.set_thetagrids(angles, [f"{(angle + 179) % 360 - 179}°" for angle in angles])
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
-        # The circles are labelled between two spokes, opposite to the mean of the curves.
-        away = np.degrees(np.angle(-sum(vector.mean() for _, vector in curves)))
-        axes.set_rlabel_position(45.0 * np.floor(away / 45.0) + 22.5)
+        axes.set_rlabel_position(_emptiest([vector for _, vector in curves], largest))
         axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
         axes.set_xlabel(f"{self.label},\nangles from the x axis of the bore's body")
         legend(axes, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2, frameon=False)
+
+
+def _emptiest(vectors: Sequence[np.ndarray], largest: float) -> float:
+    """Direction between two spokes of a polar diagram that is farthest from all curves [degrees].
+
+    `vectors` are the curves, shape (t,) each; `largest` is the radius of the diagram.
+    """
+    directions = np.arange(22.5, 360.0, 45.0)
+    radii = np.linspace(0.2, 1.0, 9) * largest  # labels of circles are not at the centre
+    rays = np.exp(1j * np.radians(directions))[:, None, None] * radii[:, None]
+    distances = np.abs(rays - np.concatenate(vectors)).min(axis=(1, 2))
+    return float(directions[np.argmax(distances)])
 
 
 def orbit(columns: Mapping[str, np.ndarray]) -> np.ndarray:

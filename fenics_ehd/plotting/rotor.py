@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
+from typing import Any
 
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
@@ -40,8 +41,9 @@ from fenics_ehd.plotting.picture import (
 #: Hz in one radian per second.
 HERTZ = 0.5 / np.pi
 
-#: Highest frequency in the diagrams over the largest speed.
-HIGHEST = 1.6
+#: Highest frequency in the diagrams over the largest speed, or over the lowest frequency of a mode
+#: if this is larger. Modes with higher frequencies are not excited by an unbalance in this range.
+HIGHEST = 1.15
 
 #: Label of the axis of speeds.
 SPEED_LABEL = "speed [1/min]"
@@ -53,11 +55,18 @@ MOST_DAMPING = 0.3
 #: Dashes of the line at a limit of stability.
 LIMIT_DASHES = (0, (6, 2, 1, 2))
 
-#: Half width of the axis of a single speed, as a share of the speed.
+#: Half width of the axis of a single speed, as a share of the speed; and distance of the first and
+#: last of several speeds from the ends of the axis, as a share of their range.
 ALONE = 0.1
+MARGIN = 0.015
 
-#: Smallest distance of labels at the end of curves, as a share of the height of the diagram.
+#: Highest value on an axis that starts at 0, over the largest value drawn.
+ROOM = 1.08
+
+#: Smallest distance of labels at the end of curves, as a share of the height of the diagram; and
+#: their distance from the end of a curve, as a share of its width.
 LABEL_DISTANCE = 0.034
+LABEL_OFFSET = 0.015
 
 #: Share of the width of the diagram below which the labels of two critical speeds would overlap.
 NEAR_SPEEDS = 0.08
@@ -121,8 +130,10 @@ def _speed_axis(axes: Axes, chart: RotorMap) -> None:
             transform=axes.get_xaxis_transform(), clip_on=False, zorder=4,
         )  # fmt: skip
     speeds = np.concatenate([RPM * np.abs(chart.speeds), failed])
-    margin = 0.0 if len(speeds) > 1 else ALONE * speeds[0]
+    margin = MARGIN * np.ptp(speeds) or ALONE * speeds[0]
     axes.set_xlim(speeds.min() - margin, speeds.max() + margin)
+    if len(speeds) == 1:
+        axes.set_xticks(speeds)
 
 
 def _failure_handles(chart: RotorMap) -> list[Line2D]:
@@ -159,11 +170,19 @@ def _listed(
     return tracks
 
 
+def _highest(chart: RotorMap) -> float:
+    """Highest frequency in the diagrams of a rotor map [rad/s], see `HIGHEST`."""
+    lowest = [
+        float(chart.roots[track, drawn].imag.min()) for track, drawn in _listed(chart, np.inf)
+    ]
+    return HIGHEST * max(float(np.abs(chart.speeds).max()), min(lowest, default=0.0))
+
+
 def campbell(chart: RotorMap) -> Figure:
     """Campbell diagram: frequencies over the speed, with the 1x line and critical speeds."""
     figure, axes = plt.subplots(figsize=(WIDTH, 4.8), layout="constrained")
     speeds = np.abs(chart.speeds)
-    highest = HIGHEST * float(speeds.max())
+    highest = _highest(chart)
     image = None
     ends: dict[int, tuple[float, float]] = {}
     for track, drawn in _listed(chart, highest):
@@ -191,8 +210,6 @@ def campbell(chart: RotorMap) -> Figure:
                 zorder=2,
             )
         ends[track] = (RPM * float(speeds[drawn[-1]]), HERTZ * float(roots.imag[-1]))
-    last = RPM * float(speeds.max()) if len(speeds) > 1 else np.inf
-    _label_curves(axes, ends, last, LABEL_DISTANCE * HERTZ * highest)
     line = np.array([0.0, 2.0 * speeds.max()])
     axes.plot(RPM * line, HERTZ * line, color="black", linewidth=1.0, linestyle="--", zorder=1)
     before = -np.inf
@@ -212,40 +229,46 @@ def campbell(chart: RotorMap) -> Figure:
         )  # fmt: skip
     axes.set(xlabel=SPEED_LABEL, ylabel="frequency [Hz]", ylim=(0.0, HERTZ * highest))
     _speed_axis(axes, chart)
+    label_curves(axes, ends)
     if image is not None:
         figure.colorbar(image, ax=axes, label="damping ratio", extend="max", pad=0.02)
     _legend_below(axes, _campbell_handles(chart))
     return figure
 
 
-def _label_curves(
-    axes: Axes, ends: Mapping[int, tuple[float, float]], last: float, distance: float
-) -> None:
-    """Write the numbers of modes at the ends of their curves.
+def label_curves(axes: Axes, ends: Mapping[int, tuple[float, float]]) -> None:
+    """Write the numbers of modes at the ends of their curves, with lines to the curves.
+
+    Numbers of curves that end at the same speed are moved apart, upwards from the lowest one or
+    downwards from the end of the axis.
 
     Parameters
     ----------
-    axes, ends
-        Axes, and end of the curve of each track.
-    last
-        Speed at which a curve has its number right of the diagram, with a line to the curve.
-    distance
-        Smallest distance of these numbers, in the unit of the vertical axis.
+    axes
+        Axes of the diagram, whose limits are final.
+    ends
+        Speed and frequency at the end of the curve of each track, in the units of the axes.
     """
-    height = -np.inf
-    for track, end in sorted(ends.items(), key=lambda item: item[1][1]):
-        if end[0] < last:
+    width = float(np.ptp(axes.get_xlim()))
+    top = axes.get_ylim()[1]
+    distance = LABEL_DISTANCE * top
+    at_speed: dict[float, list[int]] = {}
+    for track in sorted(ends, key=lambda track: ends[track][1]):
+        at_speed.setdefault(ends[track][0], []).append(track)
+    for speed, tracks in at_speed.items():
+        heights: list[float] = []
+        for track in tracks:
+            heights.append(max(ends[track][1], heights[-1] + distance if heights else 0.0))
+        for k in range(len(tracks) - 1, -1, -1):
+            limit = heights[k + 1] if k + 1 < len(tracks) else top + 0.5 * distance
+            heights[k] = min(heights[k], limit - distance)
+        offset = LABEL_OFFSET * width
+        for track, height in zip(tracks, heights, strict=True):
             axes.annotate(
-                str(track + 1), end, xytext=(5, 0), textcoords="offset points", va="center",
-                fontsize=8,
+                str(track + 1), ends[track], xytext=(speed + 1.6 * offset, height), va="center",
+                fontsize=8, annotation_clip=False,
+                arrowprops={"arrowstyle": "-", "color": "0.5", "linewidth": 0.6, "shrinkA": 0.0},
             )  # fmt: skip
-            continue
-        height = max(end[1], height + distance)
-        axes.annotate(
-            str(track + 1), end, xytext=(1.02, height), textcoords=axes.get_yaxis_transform(),
-            va="center", fontsize=8, annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": "0.5", "linewidth": 0.6, "shrinkA": 0.0},
-        )  # fmt: skip
 
 
 def _legend_below(axes: Axes, handles: Sequence[Line2D]) -> None:
@@ -283,8 +306,8 @@ def decrement(chart: RotorMap) -> Figure:
     """Logarithmic decrement over the speed, of modes with a damping ratio below 0.4."""
     figure, axes = plt.subplots(figsize=(WIDTH, 4.2), layout="constrained")
     speeds = np.abs(chart.speeds)
-    highest = HIGHEST * float(speeds.max())
-    for number, (track, drawn) in enumerate(_listed(chart, highest, CRITICAL_DAMPING)):
+    tracks = _listed(chart, _highest(chart), CRITICAL_DAMPING)
+    for number, (track, drawn) in enumerate(tracks):
         values = [log_decrement(root) for root in chart.roots[track, drawn]]
         axes.plot(
             RPM * speeds[drawn], np.array(values, dtype=float), label=f"mode {track + 1}",
@@ -380,21 +403,30 @@ def unbalance(chart: RotorMap, response: UnbalanceResponse) -> Figure:
     # Of the interpolated speeds, those that were computed have marks.
     marks = {"marker": ".", "markersize": 5, "markevery": np.isin(curves.speeds, response.speeds)}
     sense = float(np.sign(response.speeds[0]))
+
+    def look(number: int, label: str) -> dict[str, Any]:
+        """Style of a curve; rings of a single speed have several sizes, so that all are visible."""
+        common = {"label": label, **style(number), **marks}
+        ring = {"marker": "o", "markersize": 5 + 3 * number, "fillstyle": "none"}
+        return common if len(speeds) > 1 else common | ring
+
     for number, name in enumerate(response.points):
-        look = {"label": name, **style(number), **marks}
-        axes[0].plot(speeds, 1e6 * larger_axes(curves.deflections[:, number]), **look)
+        amplitudes = 1e6 * larger_axes(curves.deflections[:, number])
+        axes[0].plot(speeds, amplitudes, **look(number, name))
         turned = np.unwrap(phases(curves.deflections[:, number], sense))
-        axes[1].plot(speeds, np.degrees(turned), **look)
+        axes[1].plot(speeds, np.degrees(turned), **look(number, name))
     for number, joint in enumerate(response.forces):
-        look = {"label": joint, **style(number), **marks}
-        axes[2].plot(speeds, larger_axes(curves.forces[joint]), **look)
+        axes[2].plot(speeds, larger_axes(curves.forces[joint]), **look(number, joint))
     axes[0].set_ylabel("amplitude [µm]")
     axes[1].set_ylabel("phase from the angle\nof the shaft [°]")
     if response.forces:
         axes[2].set_ylabel("bearing force [N]")
     for panel in (*axes[:1], *axes[2:]):
-        panel.set_ylim(bottom=0.0)
+        largest = max(float(np.max(line.get_ydata())) for line in panel.lines)
+        panel.set_ylim(0.0, ROOM * largest or 1.0)
         _legend_above(panel, panel.get_legend_handles_labels()[0])
+    if len(speeds) == 1:
+        axes[1].margins(y=0.2)
     for panel in axes:
         _speed_axis(panel, chart)
     _legend_above(axes[1], [*_limit_handles(chart), *_failure_handles(chart)])

@@ -138,8 +138,8 @@ def plan_map(
     scene = _with_time(scene, abs(ordered[0]))
     name_of_unbalance = option.format("unbalance")
     notices = tuple(
-        f"forces.{name}: a rotating force is no part of an equilibrium, it is left out; for the "
-        f"response to an unbalance give it the kind 'unbalance', or use {name_of_unbalance}"
+        f"forces.{name} is left out, because a rotating force is not part of an equilibrium: for "
+        f"the response to an unbalance give it the kind 'unbalance', or use {name_of_unbalance}"
         for name, force in scene.forces.items()
         if isinstance(force, Force) and force.left_out_of_equilibrium
         and not isinstance(force, Unbalance)

@@ -21,7 +21,12 @@ import numpy as np
 
 from fenics_ehd.analysis.equilibrium import Linearisation, SearchStart
 from fenics_ehd.analysis.film_memory import SampledStiffness
-from fenics_ehd.analysis.modes import damping_ratio, log_decrement
+from fenics_ehd.analysis.modes import (
+    damping_ratio,
+    damping_ratio_scatter,
+    log_decrement,
+    log_decrement_scatter,
+)
 from fenics_ehd.analysis.rotor_map import MapPoint, RotorMap
 from fenics_ehd.analysis.unbalance import UnbalanceResponse
 from fenics_ehd.base.errors import InputError
@@ -308,6 +313,7 @@ def mode_rows(chart: RotorMap) -> Iterator[dict[str, Any]]:
     for n, speed in enumerate(chart.speeds):
         for track in np.flatnonzero(chart.tracks[:, n] >= 0):
             root = complex(chart.roots[track, n])
+            scatter = complex(chart.scatter[track, n])
             yield {
                 "speed_rad_per_s": float(speed),
                 "mode": int(track) + 1,
@@ -316,8 +322,10 @@ def mode_rows(chart: RotorMap) -> Iterator[dict[str, Any]]:
                 "damping_ratio": damping_ratio(root),
                 "logarithmic_decrement": log_decrement(root),
                 "direction": chart.direction(n, int(track)) if root.imag else None,
-                "real_part_scatter_1_per_s": float(chart.scatter[track, n].real),
-                "frequency_scatter_rad_per_s": float(chart.scatter[track, n].imag),
+                "real_part_scatter_1_per_s": scatter.real,
+                "frequency_scatter_rad_per_s": scatter.imag,
+                "damping_ratio_scatter": damping_ratio_scatter(root, scatter),
+                "logarithmic_decrement_scatter": log_decrement_scatter(root, scatter),
                 "overlap": float(chart.overlaps[track, n]),
             }
 
@@ -397,6 +405,7 @@ def figures_of_map(chart: RotorMap) -> dict[str, Any]:
                 "damping_ratio": critical.damping_ratio,
                 "direction": critical.direction,
                 "scatter_rad_per_s": critical.scatter,
+                "damping_ratio_scatter": critical.damping_ratio_scatter,
                 "unstable": not chart.stable_at(critical.speed),
             }
             for critical in chart.critical_speeds

@@ -13,11 +13,11 @@ import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
 from matplotlib.figure import Figure
 
-from fenics_ehd.plotting.curves import Curves
+from fenics_ehd.plotting.curves import Curves, common_axis
 from fenics_ehd.plotting.maps import draw_rasters, raster_of
 from fenics_ehd.plotting.picture import PRESSURES
 from fenics_ehd.plotting.pictures import QUANTITIES
-from fenics_ehd.plotting.shown import TIME, ShownJoint, ShownRun
+from fenics_ehd.plotting.shown import ANGLE, TIME, ShownJoint, ShownRun
 
 #: Share of the load on asperities above which the picture of contact is shown.
 CARRIED = 0.01
@@ -27,9 +27,10 @@ MOST_JOINTS = 4
 
 #: Pictures of which the first one with data is the last picture of the report, with captions.
 LAST = {
-    "contact": "Asperity contact: force, largest pressure, and shares of load and area.",
-    "friction": "Friction: torques on journal and bore, and power lost in the film.",
-    "energy": "Energies that were stored, exchanged and lost, and the error of their balance.",
+    "contact": "Asperity contact: force, largest pressure, shares of load and area, and film over "
+    "combined roughness.",
+    "friction": "Friction torques on journal and bore, and friction power loss; lines: means.",
+    "energy": "Energy stored, work done on the mechanism, energy lost, and error of the balance.",
 }
 
 
@@ -100,15 +101,19 @@ def _of_films(joints: Sequence[ShownJoint]) -> Iterator[Picture]:
     ]
     yield Picture(
         "over_the_cycle",
-        "Largest pressure and smallest film thickness over the cycle. Bands: estimated error of "
-        "the curve.",
+        "Peak oil film pressure and minimum oil film thickness over the cycle. Bands are the "
+        "estimated errors of the curves.",
         Curves(tuple(panels)).draw({joints[0].name if len(joints) == 1 else "": joints}),
+    )
+    run = joints[0].run
+    along = (
+        f"{run.angle_name} in degrees" if common_axis(joints) == ANGLE else f"{run.time_name} in ms"
     )
     for name, caption in (
         (
             "orbit",
             "Path of the journal in the deformed bore, in the frame of the bore. The black circle "
-            "is the clearance; numbers along the path are angles or times of the other pictures.",
+            f"is the clearance; numbers along the path: {along}.",
         ),
         ("force", "Polar load diagram: load of the journal on the bore, in the frame of the bore."),
     ):

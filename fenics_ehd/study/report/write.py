@@ -77,7 +77,7 @@ def cost_table(joint: JointData) -> Table:
         (percent(limit), *(_fastest(rows, limit) for rows in runs.values())) for limit in LIMITS
     ]
     return Table(
-        ("largest error of both curves", *map(str.upper, runs)), tuple(table), 1 + len(runs)
+        ("errors of both curves within", *map(str.upper, runs)), tuple(table), 1 + len(runs)
     )
 
 
