@@ -149,10 +149,10 @@ def as_matrix(
         A PETSc matrix, which is returned unchanged if its format is AIJ; a SciPy sparse matrix or a
         NumPy array of two dimensions, the same on every rank; or the path of a file. Files are
         Matrix Market (``.mtx``, ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``),
-        PETSc binary (``.dat``, ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or ``file.h5:/group`` for a group). An
-        HDF5 file has the CSR arrays ``data``, ``indices`` and ``indptr`` as datasets, and
-        ``shape`` as a dataset or attribute. Each rank reads only its own rows from PETSc and HDF5
-        files; from other files, each rank reads all rows.
+        PETSc binary (``.dat``, ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or
+        ``file.h5:/group`` for a group). An HDF5 file has the CSR arrays ``data``, ``indices`` and
+        ``indptr`` as datasets, and ``shape`` as a dataset or attribute. Each rank reads only its
+        own rows from PETSc and HDF5 files; from other files, each rank reads all rows.
     comm
         Communicator of the ranks that share the rows; a PETSc matrix keeps its own.
     name
