@@ -45,6 +45,7 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
 from fenics_ehd.reduction.bore import rigid_fields
@@ -538,7 +539,7 @@ def _check_definite(mass: PETSc.Mat) -> None:
 
 
 @dataclass(frozen=True)
-class MatrixCheck:
+class MatrixCheck(Described):
     """Mass, centre, elastic defects and estimates from a part's K and M; printed as lines of text.
 
     Attributes
