@@ -23,7 +23,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.equilibrium import stability
+from fenics_ehd.analysis.dynamic_coefficients import stability
 from fenics_ehd.analysis.rotor_map import MapSolver
 from fenics_ehd.scenes.film_meshes import scenes_on_meshes
 

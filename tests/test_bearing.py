@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.equilibrium import stability
+from fenics_ehd.analysis.dynamic_coefficients import stability
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.scenes.bearing import bearing_scene
 from fenics_ehd.scenes.schema import ConstantForceSettings

@@ -52,14 +52,18 @@ def test_the_kernel_of_the_page_runs_its_cells(tmp_path, monkeypatch):
     )
     client.execute()
     outputs = [cell["outputs"] for cell in notebook.cells]
-    scene, run, values, film, orbit, both = outputs  # an error would have ended the notebook
-    assert "<table>" in scene[-1]["data"]["text/html"]
-    assert "<table>" in run[-1]["data"]["text/html"]
+    # An error would have ended the notebook.
+    scene, run, values, film, orbit, both, sweep, columns, bearing, chart = outputs
+    for table in (scene, run, sweep, bearing):
+        assert "<table>" in table[-1]["data"]["text/html"]
+    assert re.fullmatch(r"sweep: \d+ s", sweep[0]["data"]["text/plain"])
+    assert "2 cases, 2 complete" in sweep[-1]["data"]["text/plain"]
+    assert "3.0e-05" in columns[0]["data"]["text/plain"]
     progress = run[0]["data"]["text/plain"]
     assert re.fullmatch(r"simulation: \d+ s", progress), progress
     assert len(run) == 2  # a single output was updated
     assert re.match(r"\(\d", values[0]["data"]["text/plain"])
-    for figure in (film, orbit, both):
+    for figure in (film, orbit, both, chart):
         assert figure[-1]["data"]["image/png"]
         assert len([each for each in figure if "image/png" in each.get("data", {})]) == 1
     assert sorted(path.name for path in empty.iterdir()) == ["stiff", "thin"]

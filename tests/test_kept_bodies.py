@@ -127,7 +127,11 @@ REDUCTIONS = {
 
 @pytest.mark.parametrize("method", ["m1", "m3", "m4"])
 def test_a_run_from_a_kept_body_is_that_of_a_new_reduction(cache, tmp_path, method, reductions):
-    changes = {"bodies.rod.reduction": REDUCTIONS[method], "output.error_budget": True}
+    changes = {
+        "bodies.rod.reduction": REDUCTIONS[method],
+        "output.error_budget": True,
+        "time.revolutions": 0.003,
+    }
     scene = short_scene(tmp_path, changes)
     ehd.run(scene, tmp_path / "first")
     ehd.run(scene, tmp_path / "kept")
@@ -368,16 +372,28 @@ def other_body(path):
     ehd.save_body(changed_provenance(body, {"method": "m1"}), path)
 
 
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory):
+    """Folder of a cache that has the body of the short scene; it is copied, not changed."""
+    folder = tmp_path_factory.mktemp("filled")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("FENICS_EHD_CACHE", str(folder / "cache"))
+        ehd.build(short_scene(folder))
+    return folder / "cache"
+
+
 @pytest.mark.parametrize("damage", [cut, alter, empty, link, open_to_all, other_body])
-def test_a_damaged_body_is_made_again(cache, tmp_path, reductions, damage):
+def test_a_damaged_body_is_made_again(cache, filled, tmp_path, reductions, damage):
+    shutil.copytree(filled, cache)
     scene = short_scene(tmp_path)
     first = ehd.build(scene).bodies["rod"]
+    assert reductions == []
     name = name_of(scene)
     damage(cache / f"{name}.h5")
     ehd.build(scene)
-    assert reductions == ["m3", "m3"]
+    assert reductions == ["m3"]
     again = ehd.build(scene).bodies["rod"]
-    assert reductions == ["m3", "m3"]
+    assert reductions == ["m3"]
     times = {"reduction_time_s": "", "reduction_processor_time_s": ""}
     assert body_digest(changed_provenance(again, times)) == body_digest(
         changed_provenance(first, times)
@@ -385,17 +401,19 @@ def test_a_damaged_body_is_made_again(cache, tmp_path, reductions, damage):
 
 
 @pytest.mark.parametrize("damage", [cut, alter, Path.unlink])
-def test_a_damaged_basis_is_made_again(cache, tmp_path, reductions, capfd, damage):
+def test_a_damaged_basis_is_made_again(cache, filled, tmp_path, reductions, capfd, damage):
+    shutil.copytree(filled, cache)
     scene = short_scene(tmp_path, {"output.paraview": True})
     ehd.build(scene)
+    assert reductions == []
     basis = cache / f"{name_of(scene)}.basis.h5"
     damage(basis)
     assert "cannot be used" not in capfd.readouterr().err
     ehd.build(scene)
     assert f"{basis} cannot be used: reduced anew" in capfd.readouterr().err
-    assert reductions == ["m3", "m3"]
+    assert reductions == ["m3"]
     ehd.build(scene)
-    assert reductions == ["m3", "m3"]
+    assert reductions == ["m3"]
 
 
 def of_another_user(cache):

@@ -412,7 +412,7 @@ def short(**values):
     """Scene of the rod with M4 for a few steps."""
     return ehd.read_scene(
         "slider-crank-paper",
-        **{"bodies.rod.reduction.method": "m4", "time.revolutions": 0.005, "time.tolerance": 1e-3,
+        **{"bodies.rod.reduction.method": "m4", "time.revolutions": 0.002, "time.tolerance": 1e-3,
            "output.part_mesh_error": False, "output.plots": False, **values},
     )  # fmt: skip
 

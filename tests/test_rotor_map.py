@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import fenics_ehd as ehd
-from fenics_ehd.analysis.equilibrium import stability
+from fenics_ehd.analysis.dynamic_coefficients import stability
 from fenics_ehd.analysis.film_meshes import in_basis, mean_linearisation
 from fenics_ehd.analysis.modes import (
     damping_ratio,

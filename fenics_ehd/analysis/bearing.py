@@ -13,12 +13,15 @@ thinner, dissipates less power, and lets at least as much oil out.
 Coefficients are ``k_ij = -dF_i / dx_j`` and ``b_ij = -dF_i / dv_j`` of the film's force on the
 shaft. x is along the load, y is a quarter turn from x in direction of rotation; zero-pressure lines
 and grooves are at rest. They are means over film meshes, see `fenics_ehd.analysis.film_meshes`.
+
+Imports inside functions: figures need matplotlib, which is loaded when one is drawn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import attrs
 import numpy as np
@@ -31,9 +34,11 @@ from fenics_ehd.analysis.bearing_mechanism import (
     direction_of,
 )
 from fenics_ehd.analysis.bearing_settings import BearingSettings
-from fenics_ehd.analysis.equilibrium import DynamicCoefficients, linearise, stability
+from fenics_ehd.analysis.dynamic_coefficients import DynamicCoefficients, stability
+from fenics_ehd.analysis.equilibrium import linearise
 from fenics_ehd.analysis.film_meshes import MeshMean, extra_cells
 from fenics_ehd.base.arguments import require_number
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import (
     EhdError,
     GapClosedError,
@@ -50,6 +55,9 @@ from fenics_ehd.film.heat import TemperatureSearch, require_graded
 from fenics_ehd.film.lubricant import make_lubricant
 from fenics_ehd.multibody.lubricated_joint import QUARTER
 from fenics_ehd.multibody.quantities import film_power, max_contact_pressure, min_film_thickness
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Largest number of meshes in one search for an equilibrium.
 MOST_MESHES = 60
@@ -230,7 +238,7 @@ def _at_eccentricity(bearing: Bearing, ratio: float) -> OperatingPoint:
 
 
 @dataclass(frozen=True)
-class BearingHeat:
+class BearingHeat(Described):
     """Result of a bearing's heat balance.
 
     Attributes
@@ -295,7 +303,7 @@ def _with_balanced_heat(
 
 
 @dataclass(frozen=True)
-class ContactFigures:
+class ContactFigures(Described):
     """Results on the contact of rough surfaces in a bearing.
 
     Attributes
@@ -389,7 +397,7 @@ def _film_matrices(point: OperatingPoint, around: int, load: float) -> list[np.n
 
 
 @dataclass(frozen=True, eq=False)
-class BearingResult:
+class BearingResult(Described):
     """Results of a bearing in equilibrium; values that are not defined are None.
 
     Attributes
@@ -457,6 +465,37 @@ class BearingResult:
     film: Film
     state: FilmState
     angle: float
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield size, load, film, pressure, losses, and coefficients with their scatter."""
+        settings = self.settings
+        yield (
+            "Bearing",
+            f"radius {1e3 * settings.radius:.5g} mm, width {1e3 * settings.width:.5g} mm, "
+            f"clearance {1e6 * settings.clearance:.5g} um, {settings.speed:.5g} rad/s",
+        )
+        yield "load", f"{self.load:.5g} N, eccentricity ratio {self.eccentricity_ratio:.4g}"
+        if self.attitude is not None:
+            yield "attitude", f"{np.degrees(self.attitude):.4g} degrees"
+        yield "min_film_thickness", f"{1e6 * self.min_film_thickness:.4g} um"
+        yield "max_pressure", f"{1e-6 * self.max_pressure:.4g} MPa"
+        yield (
+            "losses",
+            f"friction torque {self.friction_torque:.4g} N m, power {self.power_loss:.4g} W",
+        )
+        yield "side flow", f"{1e6 * self.flow.side:.4g} cm3/s"
+        if self.heat is not None:
+            yield "temperature", f"{self.heat.effective_temperature:.4g} C of the film"
+        if self.contact is not None:
+            yield "contact", f"{self.contact.load:.4g} N, share {self.contact.share:.3g}"
+        if self.coefficients is not None:
+            yield from self.coefficients.described()
+
+    def plot(self) -> Figure:
+        """Draw pressure over the bore, pressure and film at mid-width, and the journal in it."""
+        from fenics_ehd import plot
+
+        return plot(self)
 
     @property
     def friction_coefficient(self) -> float | None:

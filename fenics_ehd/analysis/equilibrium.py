@@ -29,16 +29,6 @@ eccentricity and the bodies.
 If a joint has a heat balance, its film has the effective temperature at which the leaving oil
 carries away the dissipated power (`fenics_ehd.film.heat`). In small motions, temperatures are
 constant.
-
-A rigid rotor of mass M on a bearing of stiffness k and damping b moves by
-``M x'' + b x' + k x = 0``. It is at the threshold of whirl if a solution ``exp(i nu t)`` exists:
-
-    M nu^2 = kappa = (k_xx b_yy + k_yy b_xx - k_xy b_yx - k_yx b_xy) / (b_xx + b_yy),
-    kappa = tr k - tr (k b) / tr b,
-    nu^2 = det (k - kappa) / det b.
-
-The rotor is stable for masses below ``kappa / nu^2``. If there is no such nu (``nu^2 <= 0``), it
-is stable for every mass.
 """
 
 from __future__ import annotations
@@ -52,6 +42,7 @@ from scipy import linalg
 
 from fenics_ehd.analysis.film_memory import SampledStiffness, sampled_shifts
 from fenics_ehd.base.arguments import require_class, require_number
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import GapClosedError, HeatError, SettingsError, SolverError
 from fenics_ehd.base.renamed import renamed_arguments
 from fenics_ehd.film.heat import TemperatureSearch
@@ -68,7 +59,7 @@ from fenics_ehd.multibody.mechanism import (
     unresisted,
 )
 from fenics_ehd.multibody.newton import CoupledState, CoupledSteps, SolverState
-from fenics_ehd.multibody.quantities import JointStep
+from fenics_ehd.multibody.quantities import JointStep, joint_row
 from fenics_ehd.multibody.step_equations import StepEquations
 from fenics_ehd.multibody.step_norm import StepNorm
 from fenics_ehd.multibody.surface import BORE
@@ -90,7 +81,7 @@ SLOW = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
-class SearchStart:
+class SearchStart(Described):
     """Start of a search for an equilibrium: the solution at another speed or load.
 
     Attributes
@@ -113,7 +104,7 @@ class SearchStart:
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium:
+class Equilibrium(Described):
     """A mechanism in equilibrium.
 
     Attributes
@@ -143,6 +134,23 @@ class Equilibrium:
     notices: tuple[str, ...] = ()
     unknowns: SolverState | None = None
 
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield size and iterations, and load, film and pressure of every lubricated joint."""
+        yield "Equilibrium", f"{self.system.n} coordinates, {self.iterations} Newton iterations"
+        for name, joint in self.joints().items():
+            row = joint_row(joint)
+            yield (
+                name,
+                f"force {row['force_N']:.4g} N, "
+                f"eccentricity ratio {row['eccentricity_ratio']:.4g}, "
+                f"min_film_thickness {1e6 * row['min_film_thickness_m']:.4g} um, "
+                f"max_pressure {1e-6 * row['max_pressure_Pa']:.4g} MPa",
+            )
+        for name, temperature in self.temperatures.items():
+            yield f"temperature {name}", f"{temperature:.4g} C"
+        for line in self.notices:
+            yield "notice", line
+
     @property
     def z(self) -> np.ndarray:
         """Coordinates of the mechanism, shape (n,)."""
@@ -171,7 +179,7 @@ class Equilibrium:
 
 
 @dataclass(frozen=True, eq=False)
-class Linearisation:
+class Linearisation(Described):
     """Small motions ``z = Z q`` about an equilibrium, ``M q'' + D q' + K q = Z^T f``.
 
     Attributes
@@ -726,60 +734,3 @@ def _dynamic_stiffness(
         on_joint = np.linalg.solve(jacobian[binding.rows][:, dofs].T, basis[dofs])
         shares[binding.name] = (on_joint - multipliers[binding.rows])[:2] @ stiffness
     return stiffness, shares
-
-
-@dataclass(frozen=True, eq=False)
-class DynamicCoefficients:
-    """Stiffness, damping and stability of a shaft in its bearing, with x along the load.
-
-    Attributes
-    ----------
-    stiffness
-        Stiffness k, shape (2, 2) [N/m].
-    damping
-        Damping b, shape (2, 2) [N s/m].
-    critical_mass
-        Mass M of a rigid rotor at the threshold [kg]; None if every mass is stable, 0 if none is.
-    whirl_ratio
-        Whirl frequency nu at the threshold over the speed of the shaft [-]; None without a
-        threshold.
-    threshold
-        Stability threshold ``omega sqrt(c M / W)`` [-]: dimensionless speed above which a rotor
-        whose weight is the load W is unstable; None if every mass is stable.
-    stiffness_scatter, damping_scatter
-        Half the range of stiffness and damping over the film meshes, shape (2, 2) [N/m, N s/m];
-        None for a single mesh.
-    critical_mass_scatter, whirl_ratio_scatter, threshold_scatter
-        Half the range of these values over the film meshes, in their units; None for a single mesh,
-        or without the value on a mesh.
-    """
-
-    stiffness: np.ndarray
-    damping: np.ndarray
-    critical_mass: float | None
-    whirl_ratio: float | None
-    threshold: float | None
-    stiffness_scatter: np.ndarray | None = None
-    damping_scatter: np.ndarray | None = None
-    critical_mass_scatter: float | None = None
-    whirl_ratio_scatter: float | None = None
-    threshold_scatter: float | None = None
-
-
-def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:
-    """Critical mass [kg] and whirl frequency [rad/s] of a rigid rotor in its bearing.
-
-    A value that does not exist, because the rotor is always stable or always unstable, is None.
-    """
-    # The matrices are scaled, because products of small entries would underflow.
-    sizes = float(np.abs(stiffness).max()), float(np.abs(damping).max())
-    k = stiffness / sizes[0]
-    b = damping / sizes[1]
-    kappa = np.trace(k) - np.trace(k @ b) / np.trace(b)
-    square = np.linalg.det(k - kappa * np.eye(2)) / np.linalg.det(b)
-    if kappa <= 0:
-        return 0.0, None
-    if square <= 0:
-        return None, None
-    rate = sizes[0] / sizes[1]
-    return float(kappa / square * sizes[1] / rate), float(np.sqrt(square) * rate)

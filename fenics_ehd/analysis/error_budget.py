@@ -57,6 +57,7 @@ from fenics_ehd.analysis.replay import (
     transferred_state,
     with_finer_films,
 )
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.base.progress import SILENT, Progress, chosen_progress
 from fenics_ehd.multibody.film_binding import FilmBinding
@@ -258,7 +259,7 @@ FAILURES = (EhdError, ArithmeticError, ValueError)
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorBudget:
+class ErrorBudget(Described):
     """Estimated errors of a run by component: step size, film mesh, basis, part mesh, start.
 
     Attributes

@@ -43,6 +43,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SolverError
 
 #: Smallest and largest shift that is sampled besides 0, over the rate of the films. Modes of shafts
@@ -105,7 +106,7 @@ class Support(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class SampledStiffness:
+class SampledStiffness(Described):
     """Dynamic stiffness without its mass part, ``G(s) = H(s) - s^2 M``, at real shifts.
 
     Attributes

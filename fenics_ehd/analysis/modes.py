@@ -39,6 +39,7 @@ from scipy import linalg
 
 from fenics_ehd.analysis.equilibrium import Linearisation
 from fenics_ehd.analysis.film_memory import SampledStiffness, finite_roots
+from fenics_ehd.base.described import Described
 from fenics_ehd.multibody.body import Body
 from fenics_ehd.multibody.joints import require_point
 from fenics_ehd.multibody.mechanism import System
@@ -54,7 +55,7 @@ STRAIGHT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(Described):
     """The r modes of small motions in k coordinates: finite roots and their eigenvectors.
 
     Attributes
@@ -209,7 +210,7 @@ def log_decrement_scatter(root: complex, scatter: complex) -> float | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Stations:
+class Stations(Described):
     """Points of a rotor at which the deflections of modes are computed.
 
     Attributes

@@ -20,7 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_ehd.analysis.replay import Replay, RunState, recorded, solved_run
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.mechanism import assemble
 from fenics_ehd.multibody.newton import MechanismStep
@@ -45,7 +47,7 @@ LEAST = 1e-4
 
 
 @dataclass(frozen=True)
-class Multiplier:
+class Multiplier(Described):
     """The largest Floquet multiplier of a periodic solution.
 
     Attributes
@@ -112,8 +114,16 @@ def largest_multiplier(
     return Multiplier(value, residual, j + 3)
 
 
-def multiplier(history: History) -> Multiplier:
+def multiplier(history: History, *, progress: Progress | bool = True) -> Multiplier:
     """Largest multiplier of the periodic solution that `simulate` returned.
+
+    Parameters
+    ----------
+    history
+        History of the periodic solution.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the cycles
+        are a stage.
 
     Raises
     ------
@@ -123,7 +133,8 @@ def multiplier(history: History) -> Multiplier:
     solved = solved_run(history)
     if solved.cycles is None:
         raise InputError("multiplier needs a periodic solution: simulate(mechanism, period=...)")
-    return largest_multiplier(solved.run, solved.cycles.period)
+    with chosen_progress(progress).stage("largest multiplier") as stage:
+        return largest_multiplier(solved.run, solved.cycles.period, stage.add)
 
 
 class _Cycle:

@@ -15,7 +15,6 @@ motion as in the run. Since the steps are given, differences contain no noise of
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -27,6 +26,7 @@ from scipy import sparse
 from fenics_ehd.base.arguments import require_class, require_count
 from fenics_ehd.base.errors import InputError, StepSizeError
 from fenics_ehd.base.extremes import FilmRows
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.film.film import Film
 from fenics_ehd.film.grid import FilmGrid, aligned_grid
 from fenics_ehd.multibody.bdf import NEWTON_FRACTION, IntegratorState, Step
@@ -663,7 +663,13 @@ class _Guess:
         self.patterns = solver.patterns
 
 
-def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> History:
+def replay(
+    history: History,
+    mechanism: Mechanism,
+    *,
+    stride: int = 1,
+    progress: Progress | bool = True,
+) -> History:
     """Repeat the steps of a run, or of its last cycle, with another mechanism.
 
     Parameters
@@ -674,6 +680,9 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
         Mechanism with the same coordinates as that of the run; its films may have other meshes.
     stride
         Number of steps of the run that form one step of the replay.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the replay is
+        a stage.
 
     Returns
     -------
@@ -695,5 +704,8 @@ def replay(history: History, mechanism: Mechanism, *, stride: int = 1) -> Histor
     tolerance = NEWTON_FRACTION * run.control.tolerance
     run_again = Replay(run, trajectory, tolerance, start=start, stride=stride)
     recorder = Recorder(run_again, float(trajectory.times[-1]))
-    deque(recorder.steps(), maxlen=0)
+    length = 1e3 * (float(trajectory.times[-1]) - trajectory.began)
+    with chosen_progress(progress).stage("replay", length, "ms") as stage:
+        for step, _ in recorder.steps():
+            stage.to(1e3 * (step.time - trajectory.began))
     return summarised_history(recorder)

@@ -14,7 +14,7 @@ The matrices M, D and K may be means over several film meshes of one machine, be
 coefficients of a film jump by about 1 % when its edge moves past a row of nodes. The equilibrium
 and the results of the films are those of the first mesh.
 
-Imports inside functions: `scipy.optimize` is slow to import.
+Imports inside functions: `scipy.optimize` is slow to import, and figures need matplotlib.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -48,19 +48,29 @@ from fenics_ehd.analysis.modes import (
     root_scatter,
     stations_of,
     whirl_direction,
+    whirl_name,
+)
+from fenics_ehd.analysis.rotor_notices import (
+    response_notices,
+    turbulent_films,
+    unloaded_films,
 )
 from fenics_ehd.analysis.unbalance import (
     PROMINENCE,
     PROMINENCE_ON_ONE_MESH,
     UnbalanceResponse,
-    larger_axes,
     unbalance_response,
 )
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SolverError
 from fenics_ehd.base.progress import SILENT, Progress, Stage
+from fenics_ehd.base.units import RPM
 from fenics_ehd.multibody.forces import Unbalance
 from fenics_ehd.multibody.mechanism import Mechanism, System
 from fenics_ehd.multibody.quantities import JointStep, joint_row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Overlap of a mode with its successor below which a speed is added between the two.
 CLOSE = 0.9
@@ -81,18 +91,6 @@ CRITICAL_DAMPING = 0.4
 #: more than that with the film mesh.
 ACCURACY = 1e-4
 
-#: Orbit of a journal, as a share of the clearance, up to which its linear response is reported
-#: without a notice.
-LARGEST_ORBIT = 0.3
-
-#: Share of the clearance and pressure over ``eta |Omega| (R / c)^2`` below which a film carries
-#: almost no load.
-SMALL_ECCENTRICITY = 1e-3
-SMALL_PRESSURE = 1e-2
-
-#: Taylor's limit of laminar flow in a bearing: the Reynolds number over ``sqrt(R / c)``.
-TAYLOR = 41.0
-
 
 class MakeMechanism(Protocol):
     """Function that makes the mechanism of a rotor at a given speed [rad/s]."""
@@ -102,7 +100,7 @@ class MakeMechanism(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class MapPoint:
+class MapPoint(Described):
     """A rotor at one speed.
 
     Attributes
@@ -208,7 +206,7 @@ class StabilityLimit(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RotorMap:
+class RotorMap(Described):
     """Modes of a rotor over its speed, critical speeds, limits of stability, unbalance response.
 
     A track is a mode that is followed over the speed. Of a conjugate pair of roots, only the root
@@ -247,6 +245,53 @@ class RotorMap:
     response: UnbalanceResponse | None = None
     failures: Mapping[float, str] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield speeds, stability limits and critical speeds with their scatter, and notices."""
+        low, high = abs(self.points[0].speed), abs(self.points[-1].speed)
+        span = f"{low:.5g} to {high:.5g} rad/s ({RPM * low:.0f} to {RPM * high:.0f} 1/min)"
+        yield "RotorMap", f"{len(self.points)} speeds, {span}, {len(self.tracks)} modes"
+        if self.failures:
+            yield "failed", f"{len(self.failures)} speeds without equilibrium: see failures"
+        if not self.limits:
+            stable = "stable" if self.stable_at_first_speed else "unstable"
+            yield "stability", f"{stable} at all these speeds"
+        for limit in self.limits:
+            yield (
+                "stability",
+                f"{'lost' if limit.lost else 'regained'} at {_speed_text(limit)}, "
+                f"mode {limit.mode + 1}, whirl ratio {limit.whirl_ratio:.4g}"
+                + (f" ± {limit.whirl_ratio_scatter:.2g}" if limit.whirl_ratio_scatter else ""),
+            )
+        for critical in self.critical_speeds:
+            yield (
+                "critical speed",
+                f"{_speed_text(critical)}, mode {critical.mode + 1}, damping ratio "
+                f"{critical.damping_ratio:.3g}, {whirl_name(critical.direction)}",
+            )
+        for peak in () if self.response is None else self.response.resonances:
+            yield (
+                "resonance",
+                f"{peak.point}: {1e6 * peak.amplitude:.4g} um at {abs(peak.speed):.5g} rad/s",
+            )
+        for line in self.notices:
+            yield "notice", line
+
+    def plot(self, quantity: str = "campbell", *, speed: float | None = None) -> Figure:
+        """Draw a diagram of the map, as ``fenics-ehd rotor`` does.
+
+        Parameters
+        ----------
+        quantity
+            ``"campbell"``, ``"decrement"``, ``"mode_shapes"``, or ``"unbalance"`` for the response
+            to unbalances.
+        speed
+            Speed whose mode shapes are drawn [rad/s], the nearest of the map; by default that of
+            the first stability limit, or in the middle of the map.
+        """
+        from fenics_ehd import plot
+
+        return plot(self, quantity, speed=speed)
 
     @property
     def speeds(self) -> np.ndarray:
@@ -308,6 +353,12 @@ class RotorMap:
         """
         shape = self.shape(n, track)
         return whirl_direction(shape, self.points[n].speed)
+
+
+def _speed_text(result: CriticalSpeed | StabilityLimit) -> str:
+    """Text of the speed of a critical speed or limit, with its scatter if it is not 0."""
+    bound = f" ± {result.scatter:.2g}" if result.scatter else ""
+    return f"{abs(result.speed):.5g}{bound} rad/s ({RPM * abs(result.speed):.0f} 1/min)"
 
 
 def scaled_shape(deflections: np.ndarray) -> np.ndarray:
@@ -463,6 +514,7 @@ def rotor_map_of(
     tracks, overlaps = _listed(points)
     bare = RotorMap(points, stations, tracks, overlaps, failures=failures)
     response = _response(bare, system, unbalances) if unbalances else None
+    figures = {point.speed: point.figures for point in points}
     return replace(
         bare,
         critical_speeds=tuple(
@@ -474,9 +526,9 @@ def rotor_map_of(
         limits=tuple(_limit(bare, point) for point in limits),
         response=response,
         notices=(
-            *_unloaded(system, points),
-            *_turbulent(system, points),
-            *(() if response is None else _of_response(system, response)),
+            *unloaded_films(system, figures),
+            *turbulent_films(system, figures),
+            *(() if response is None else response_notices(system, response)),
         ),
     )
 
@@ -710,71 +762,3 @@ def _response(bare: RotorMap, system: System, unbalances: Sequence[Unbalance]) -
         {film.name: np.eye(system.n)[film.xi[:2]] for film in system.films},
         prominence=PROMINENCE if len(bare.points[0].growth) > 1 else PROMINENCE_ON_ONE_MESH,
     )
-
-
-def _of_response(system: System, response: UnbalanceResponse) -> Iterator[str]:
-    """Notices of a response to unbalances: without a force, or with large orbits."""
-    if response.excited:
-        yield from _large_orbits(system, response)
-        return
-    points = ", ".join(dict.fromkeys(each.point for each in response.unbalances))
-    why = "cancel each other" if any(each.magnitude for each in response.unbalances) else "are 0"
-    yield f"the unbalances at {points} {why}: no force acts, and the response is zero"
-
-
-def _large_orbits(system: System, response: UnbalanceResponse) -> Iterator[str]:
-    """Notices of journals whose orbits are too large for the linear response to an unbalance."""
-    vibration = response.interpolated
-    for binding in system.films:
-        clearance = binding.film.film.parameters.clearance
-        amplitudes = larger_axes(vibration.journals[binding.name])
-        n = int(np.argmax(amplitudes))
-        share = amplitudes[n] / clearance
-        if share > LARGEST_ORBIT:
-            yield (
-                f"joints.{binding.name}: at {abs(vibration.speeds[n]):.5g} rad/s the unbalance "
-                f"moves the journal by {1e6 * amplitudes[n]:.4g} um, {share:.3g} "
-                f"of the clearance of {1e6 * clearance:.4g} um: the linear response holds for "
-                f"orbits below {LARGEST_ORBIT} of the clearance: run the scene for its orbit"
-            )
-
-
-def _unloaded(system: System, points: Sequence[MapPoint]) -> Iterator[str]:
-    """Notices of films that carry almost no load in equilibrium.
-
-    The pressure of such a film is almost zero: which part of it cavitates is left to round-off.
-    """
-    for binding in system.films:
-        parameters = binding.film.film.parameters
-        ratio = parameters.grid.radius / parameters.clearance
-        for point in points:
-            figures = {
-                column: point.figures[f"{binding.name}.{column}"]
-                for column in ("eccentricity_ratio", "max_pressure_Pa", "force_N")
-            }
-            scale = parameters.lubricant.viscosity * abs(point.speed) * ratio**2
-            small = figures["max_pressure_Pa"] < SMALL_PRESSURE * scale
-            if small and figures["eccentricity_ratio"] < SMALL_ECCENTRICITY:
-                yield (
-                    f"joints.{binding.name}: at {abs(point.speed):.5g} rad/s its film carries "
-                    f"{figures['force_N']:.3g} N at {figures['eccentricity_ratio']:.2g} of the "
-                    "clearance: stiffness and damping of a film without load are not unique: load "
-                    "the bearing, for instance by gravity"
-                )
-                break
-
-
-def _turbulent(system: System, points: Sequence[MapPoint]) -> Iterator[str]:
-    """Notices of films whose Reynolds number exceeds Taylor's limit of laminar flow."""
-    for binding in system.films:
-        parameters = binding.film.film.parameters
-        limit = TAYLOR * np.sqrt(parameters.grid.radius / parameters.clearance)
-        numbers = {p.speed: p.figures[f"{binding.name}.reynolds_number"] for p in points}
-        beyond = [speed for speed, number in numbers.items() if number > limit]
-        if beyond:
-            yield (
-                f"joints.{binding.name}: from {abs(beyond[0]):.5g} rad/s on, the Reynolds number "
-                f"of its film, {numbers[beyond[0]]:.4g}, is above Taylor's limit of laminar flow, "
-                f"41 sqrt(R / c) = {limit:.4g}: coefficients at these speeds are those of a "
-                "laminar film"
-            )

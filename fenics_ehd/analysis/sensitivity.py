@@ -36,8 +36,10 @@ from fenics_ehd.analysis.replay import (
     with_finer_films,
 )
 from fenics_ehd.base.columns import split_unit
+from fenics_ehd.base.described import Named
 from fenics_ehd.base.errors import SensitivityError, VerificationError
 from fenics_ehd.base.extremes import over_time
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.base.renamed import joint_of_bare_name
 from fenics_ehd.multibody.history import History
 from fenics_ehd.multibody.lubricated_joint import LubricatedJoint
@@ -280,7 +282,9 @@ def sensitivity(
     make: Callable[..., Mechanism],
     parameters: Mapping[str, float],
     of: Sequence[str],
-) -> dict[str, dict[str, float]]:
+    *,
+    progress: Progress | bool = True,
+) -> Named:
     """Derivatives of a run's results with respect to parameters of its mechanism.
 
     Parameters
@@ -295,11 +299,14 @@ def sensitivity(
         Values of the parameters in the run, by name; none may be 0.
     of
         Names of the results: ``big_end.min_film_thickness``, ``mean_friction_power``.
+    progress
+        Whether progress is shown in a terminal or notebook; or the progress in which the
+        parameters are a stage.
 
     Returns
     -------
-    dict
-        Derivatives by result, then by parameter.
+    Named
+        Dictionary of derivatives by result, then by parameter.
 
     Raises
     ------
@@ -332,12 +339,17 @@ def sensitivity(
     ]
     objectives = {name: objective_of(name, paths) for name in of}
     check_periods(trajectory.base.equations.system.mechanism, trajectory.period, along)
-    trajectory = settled(trajectory)
-    slopes = {each.name: derivatives(trajectory, each, [*objectives.values()]) for each in along}
-    return {
-        name: {parameter: values[objective] for parameter, values in slopes.items()}
-        for name, objective in objectives.items()
-    }
+    slopes: dict[str, dict[Objective, float]] = {}
+    with chosen_progress(progress).stage("sensitivity", 1 + len(along), "repetitions") as stage:
+        trajectory = settled(trajectory)
+        for each in along:
+            stage.add(each.name)
+            slopes[each.name] = derivatives(trajectory, each, [*objectives.values()])
+    by_result: dict[str, Named] = {}
+    for name, objective in objectives.items():
+        values = {parameter: slope[objective] for parameter, slope in slopes.items()}
+        by_result[name] = Named(values, f"slopes[{name!r}]")
+    return Named(by_result, "slopes")
 
 
 def check_periods(

@@ -39,6 +39,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_ehd.analysis.equilibrium import Linearisation
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.printed import key_hint
 from fenics_ehd.multibody.forces import Unbalance
@@ -100,7 +101,7 @@ class SteadyVibration(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class UnbalanceResponse:
+class UnbalanceResponse(Described):
     """Steady vibration of a rotor under its unbalances, over the speed.
 
     Attributes

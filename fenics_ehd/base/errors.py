@@ -22,6 +22,12 @@ class SettingsError(InputError):
     """A key or value of a scene file, an option or an argument cannot be used."""
 
 
+class UnknownNameError(SettingsError, KeyError):
+    """A result has no column, joint, body or point of a name; programs may expect a KeyError."""
+
+    __str__ = Exception.__str__  # that of KeyError puts the message in quotes
+
+
 class AccuracyError(InputError):
     """An accuracy was requested for figures whose errors are not estimated."""
 

@@ -66,6 +66,20 @@ def key_hint(known: Iterable[str], name: str) -> str:
     return f"known: {', '.join(neighbours or known)}"
 
 
+#: Largest number of similar names in a message.
+MOST_NEAR = 3
+
+
+def near_names(known: Iterable[str], name: str) -> list[str]:
+    """Known names that are similar to an unknown one, at most `MOST_NEAR`.
+
+    They have the same last word, or contain the name, or have a similar spelling.
+    """
+    names = list(known)
+    same = [each for each in names if name and (_word(each) == _word(name) or name in each)]
+    return list(dict.fromkeys([*same, *difflib.get_close_matches(name, names)]))[:MOST_NEAR]
+
+
 def _similar(keys: list[str], word: str) -> list[str]:
     """Keys whose last word is the one most similar to `word`; empty if none is similar."""
     close = difflib.get_close_matches(word, map(_word, keys), n=1)

@@ -30,7 +30,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from fenics_ehd.base.printed import escaped
+from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.printed import escaped, shown
 from fenics_ehd.base.processes import RANKS, is_rank
 
 #: Least time between two changes of the line in a terminal or notebook [s].
@@ -339,7 +340,15 @@ def read_progress(path: Path) -> str:
 
 
 def chosen_progress(progress: Progress | bool) -> Progress:
-    """Progress from the argument of a public function: shown if true, silent if false."""
+    """Progress from the argument of a public function: shown if true, silent if false.
+
+    Raises
+    ------
+    SettingsError
+        If the argument is neither a progress nor True or False.
+    """
     if isinstance(progress, Progress):
         return progress
+    if not isinstance(progress, bool):
+        raise SettingsError(f"progress = {shown(progress)} must be True, False or a Progress")
     return shown_progress() if progress else SILENT

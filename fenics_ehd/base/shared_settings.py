@@ -7,6 +7,7 @@ from typing import Any
 
 import attrs
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.fields import (
     REQUIRED,
     choice,
@@ -88,7 +89,7 @@ ROUGH = "journal_roughness or bore_roughness"
 
 
 @attrs.frozen(kw_only=True)
-class OilSettings:
+class OilSettings(Described):
     """Settings of an oil.
 
     The viscosity of the oil is set directly, or it follows from a temperature together with either
@@ -199,7 +200,7 @@ def _roughness(of: str) -> Any:
 
 
 @attrs.frozen(kw_only=True, slots=False)
-class Roughness:
+class Roughness(Described):
     """Settings of the roughness of a journal and its bore, whose asperities may be in contact."""
 
     journal_roughness: float = _roughness("journal")
@@ -244,7 +245,7 @@ class Roughness:
 
 
 @attrs.frozen(slots=False)
-class Deviations:
+class Deviations(Described):
     """Settings of the deviations of a bore or journal from a round surface, positive outward.
 
     The deviation at a point is the sum of all deviations here. They are given in the frame of the
@@ -266,7 +267,7 @@ class Deviations:
 
 
 @attrs.frozen
-class Material:
+class Material(Described):
     """Settings of an isotropic elastic material."""
 
     youngs_modulus: float = youngs_modulus(210e9)

@@ -119,13 +119,7 @@ def answer_map(
         Path(table).parent.mkdir(parents=True, exist_ok=True)
         write_table(Path(table), tuple(rows[0]), rows)
     if rows and plot:
-        by_load = len(loads) > 1
-        failed = [
-            size
-            for point in points.failed
-            if (size := point.load if by_load else point.speed) is not None
-        ]
-        plot_bearing_map(rows, "load_N" if by_load else "frequency", plot, failed)
+        plot_bearing_map(points, plot)
     warn_of(f"{point.name}: {point.reason}" for point in points.failed)
     answer(_summary(points), "\n".join(_lines(rows, table, plot)), as_json)
     if points.failed:

@@ -25,6 +25,7 @@ from petsc4py import PETSc
 
 from fenics_ehd.base import compat
 from fenics_ehd.base.arguments import require_class, require_number, require_word
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import MeshError, StructureError
 from fenics_ehd.base.shared_settings import Material
 from fenics_ehd.fem.elements import FAMILIES, quadratic_element, solid_element
@@ -64,7 +65,7 @@ FACETS = {"hex": (QUADRILATERAL_9, 4), "tet": (TRIANGLE_6, 3)}
 
 
 @dataclass(frozen=True, eq=False)
-class PartMesh:
+class PartMesh(Described):
     """Second-order mesh of hexahedra or tetrahedra, with its facet tags and named groups.
 
     Attributes

@@ -27,6 +27,7 @@ import fenics_ehd.base.petsc_start  # noqa: F401  # isort: skip
 import numpy as np
 from petsc4py import PETSc
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import CavitationError, SolverError
 from fenics_ehd.base.petsc_options import (
     available_factorisation,
@@ -402,7 +403,7 @@ VERIFY_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class CavitationResult:
+class CavitationResult(Described):
     """Solution of a complementarity problem: pressure, defect and active set.
 
     Attributes

@@ -6,6 +6,7 @@ not need.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.arguments import require_class, require_number
+from fenics_ehd.base.described import Described, names_or_none, value_text
 from fenics_ehd.base.errors import (
     CavitationError,
     GapClosedError,
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class FilmState:
+class FilmState(Described):
     """Solved pressure of a film in one gap, with its cavitated zone and its oil content.
 
     Attributes
@@ -65,7 +67,7 @@ class FilmState:
 
 
 @renamed_attributes(apart="with_own_temperature")
-class Film:
+class Film(Described):
     """Reynolds equation on one bore, solved for one gap after another.
 
     Nodal arrays are in the order of `FilmGrid.nodes`, values at Gauss points
@@ -113,6 +115,15 @@ class Film:
             options_prefix=options_prefix,
             tolerance=tolerance,
         )
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield mesh, clearance, oil, and the surfaces and supplies of the film."""
+        parameters = self.parameters
+        yield "Film", f"on {value_text(parameters.grid)}"
+        yield "clearance", f"{1e6 * parameters.clearance:.5g} um"
+        yield "viscosity", f"{parameters.lubricant.viscosity:.4g} Pa s"
+        yield "surfaces", "smooth" if parameters.surfaces is None else "rough"
+        yield "supplies", names_or_none(feed.name for feed in parameters.feeds)
 
     def with_own_temperature(self) -> Film:
         """Copy of the film; setting its temperature does not change this film."""

@@ -56,6 +56,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import SHEAR_RULES
 from fenics_ehd.film.film import Film, FilmState
@@ -185,7 +186,7 @@ def _forward(gap: Gap, angle: np.ndarray, order: np.ndarray, radius: float) -> f
 
 
 @dataclass(frozen=True)
-class FlowBalance:
+class FlowBalance(Described):
     """Volume flows of a film, at the density of the oil at ambient pressure [m3/s].
 
     Attributes
@@ -216,7 +217,7 @@ class FlowBalance:
         return self.lower + self.upper
 
 
-class FilmFlows:
+class FilmFlows(Described):
     """Oil flows of a solved film, and the powers of these flows, each computed on access.
 
     Without mass-conserving cavitation, the rate of the density is neglected, as if the pressure

@@ -15,7 +15,7 @@ film along the circumference: the density of the cells along the axis is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,6 +30,7 @@ from fenics_ehd.base.arguments import (
     require_number,
     require_word,
 )
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import InterfaceMismatchError, SettingsError
 from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.fields import FILM_ELEMENTS
@@ -39,7 +40,7 @@ TURN = 2 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
-class FilmGrid:
+class FilmGrid(Described):
     """Cells and nodes of a film mesh on a bore.
 
     Attributes
@@ -80,6 +81,15 @@ class FilmGrid:
             raise SettingsError(
                 f"the film's cells span {self.angles[-1] - self.angles[0]:.6g} rad, not one turn"
             )
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield cells and size of the mesh."""
+        around, along = self.cells
+        yield (
+            "FilmGrid",
+            f"{around} x {along} {self.family} cells, radius {1e3 * self.radius:.5g} mm, "
+            f"width {1e3 * self.width:.5g} mm",
+        )
 
     @property
     def cells(self) -> tuple[int, int]:

@@ -26,6 +26,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base import shared_settings
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import HeatError, SettingsError
 from fenics_ehd.base.fields import REQUIRED, number
 from fenics_ehd.base.layout import Stateful, Value
@@ -56,7 +57,7 @@ THINNER = 4.0
 
 
 @attrs.frozen(kw_only=True)
-class Heat:
+class Heat(Described):
     """Settings of a film's heat balance over a cycle.
 
     It needs `time.periodic` and an oil whose viscosity depends on the temperature.

@@ -48,6 +48,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.arguments import require_class, require_number, require_pair
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.needs import NONE
@@ -70,7 +71,7 @@ ROUNDED = 0.165
 
 
 @dataclass(frozen=True, eq=False)
-class ShapeTable:
+class ShapeTable(Described):
     """Table of measured deviations: a periodic cubic spline around, linear along the axis.
 
     A row of the table has the deviations at one angle. Beyond the first and last height the
@@ -340,7 +341,7 @@ class SurfacePoints:
 
 
 @dataclass(frozen=True, eq=False)
-class Gap:
+class Gap(Described):
     """Film thickness and velocities of the two surfaces at the Gauss points.
 
     Attributes
@@ -379,7 +380,7 @@ Pair = np.ndarray | tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class ShaftMotion:
+class ShaftMotion(Described):
     """Position and motion of a shaft in its bore.
 
     Attributes

@@ -45,6 +45,7 @@ import numpy as np
 from scipy.special import erf
 
 from fenics_ehd.base.arguments import require_callable, require_class, require_number
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError, ViscosityError
 from fenics_ehd.base.fields import REQUIRED, number
 from fenics_ehd.base.needs import NO_TEMPERATURE, NONE
@@ -172,7 +173,7 @@ class WaltherLine:
 
 
 @attrs.frozen
-class Oil:
+class Oil(Described):
     """Temperature law of an oil: viscosity by Walther's equation, density falling linearly.
 
     Raises
@@ -270,7 +271,7 @@ LARGEST_EXPONENT = 10.0
 SMALLEST_RELATIVE_RATE = 1e-30
 
 
-class Law:
+class Law(Described):
     """Law of viscosity or density: its ratio to the value at rest, or at ambient pressure.
 
     Laws are attrs classes or dataclasses, whose fields are the coefficients of the formula.
@@ -509,7 +510,7 @@ Field = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @attrs.frozen
-class Lubricant:
+class Lubricant(Described):
     """Properties of the oil of a film, with the laws by which they change."""
 
     viscosity: float = number(REQUIRED, "dynamic, at ambient pressure [Pa s]", above=0)

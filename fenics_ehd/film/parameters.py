@@ -30,6 +30,7 @@ import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.arguments import require_class, require_number
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.film.assembly import Assembly, with_weights
 from fenics_ehd.film.grid import FilmGrid
@@ -40,7 +41,7 @@ from fenics_ehd.film.supply import AxialGroove, Sides, Supply, blur_of, check_su
 
 
 @dataclass(frozen=True, eq=False)
-class FilmParameters:
+class FilmParameters(Described):
     """Parameters of the film of one bearing.
 
     Attributes

@@ -17,6 +17,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.arguments import require_number
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import LARGEST_LENGTH, REQUIRED, choice, number, pair, text
 from fenics_ehd.base.needs import NONE, not_with
@@ -35,7 +36,7 @@ def _pressure(name: str, value: float) -> None:
 
 
 @dataclass(frozen=True)
-class Sides:
+class Sides(Described):
     """Pressure at the two ends of the bearing.
 
     Attributes
@@ -56,7 +57,7 @@ class Sides:
 
 
 @dataclass(frozen=True)
-class AxialGroove:
+class AxialGroove(Described):
     """Axial groove of given pressure, over the whole width of the bearing or a part of it.
 
     Attributes
@@ -198,7 +199,7 @@ class Head:
 
 
 @attrs.frozen(kw_only=True)
-class Supply:
+class Supply(Described):
     """Region of the bore or of the journal through which oil is supplied under pressure."""
 
     on: str = choice("bore", SURFACES, "the surface that has the supply, which turns with it")

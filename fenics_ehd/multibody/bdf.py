@@ -15,6 +15,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import attrs
 import numpy as np
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StepSizeError
 from fenics_ehd.base.fields import count, number
 from fenics_ehd.base.layout import Value
@@ -147,7 +148,7 @@ class Observed(Protocol):
 
 
 @attrs.frozen(slots=False)
-class IntegratorOptions:
+class IntegratorOptions(Described):
     """Options of the integrator.
 
     Attributes

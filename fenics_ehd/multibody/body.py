@@ -31,6 +31,7 @@ from scipy import linalg
 
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.arguments import require_class, require_number, require_pair
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.fields import REQUIRED, number, pair, place, places
 from fenics_ehd.base.needs import only_with
 from fenics_ehd.base.plane import rotation
@@ -280,7 +281,7 @@ class Balance:
     derivatives: Callable[[], Derivatives]
 
 
-class Body(ABC):
+class Body(Described, ABC):
     """Body of a mechanism, with n coordinates."""
 
     #: Whether the axis tilts at the body's points, as that of a bent shaft does.
@@ -401,7 +402,7 @@ ELASTIC_SHARE = 1e-3
 
 
 @attrs.frozen(eq=False, slots=False, kw_only=True)
-class Pose:
+class Pose(Described):
     """Rough position, angle and velocities of a body at the start, before `assemble`."""
 
     position: tuple[float, float] = place("origin at the start, roughly [m]")

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.layout import Group, Value
 
 #: Share of a period by which the last step of a complete cycle may end early, by rounding of times.
@@ -88,7 +89,7 @@ class Recurrence:
 
 
 @dataclass(frozen=True)
-class Cycle:
+class Cycle(Described):
     """Last complete cycle of a run, or the complete run if it has none.
 
     Attributes

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from fenics_ehd.base.arguments import require_class, require_word
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import InterfaceMismatchError
 from fenics_ehd.base.fields import TRANSFERS
 from fenics_ehd.film.film import Film
@@ -69,7 +70,7 @@ def sampling_grid(bore: BoreSurface) -> FilmGrid:
     return uniform_grid(bore.radius, bore.width, SAMPLED)
 
 
-class BoreFilm:
+class BoreFilm(Described):
     """Linear maps between a film and the elastic modes of the bore of a reduced body.
 
     Parameters

@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.arguments import require_callable, require_class, require_pair
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.fields import REQUIRED, choice, names, number, text
 from fenics_ehd.base.needs import NONE, only_with
 from fenics_ehd.multibody.body import ANGLE
@@ -42,7 +43,7 @@ class Load:
     rate: np.ndarray | None = None
 
 
-class Force(ABC):
+class Force(Described, ABC):
     """Force or torque on the bodies of a mechanism."""
 
     @property

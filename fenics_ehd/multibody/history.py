@@ -30,13 +30,11 @@ import numpy as np
 from fenics_ehd import __version__
 from fenics_ehd.base.arguments import require_class, require_word
 from fenics_ehd.base.columns import DIMENSIONLESS, Quantity, csv_line, with_unit
-from fenics_ehd.base.described import Described, names_or_none
+from fenics_ehd.base.described import Described, Named, names_or_none, unknown_name
 from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import (
     SCENE_NAME,
-    SUMMARY,
     naming,
-    read_json,
     read_text,
     write_summary,
     write_whole,
@@ -56,6 +54,7 @@ from fenics_ehd.multibody.recorded_quantities import (
     JointResult,
     Quantities,
 )
+from fenics_ehd.multibody.stored_summary import read_summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -250,6 +249,8 @@ class History(Described):
 
     def __getitem__(self, name: str) -> Quantity:
         """Column over the steps, shape (steps,), by its name without unit (`names`)."""
+        if name not in self._paths:
+            raise unknown_name("result", name, self._paths, "result.names")
         return self.values[self._paths[name]]
 
     def __contains__(self, name: object) -> bool:
@@ -282,10 +283,11 @@ class History(Described):
     @cached_property
     def joints(self) -> dict[str, JointResult]:
         """Results of every lubricated joint, by its name."""
-        return {
+        joints = {
             name: JointResult(self._group(f"joints/{name}"), self._film(name))
             for name in self._owners("joints", self.values)
         }
+        return Named(joints, "result.joints")
 
     def _film(self, joint: str) -> FilmResult | None:
         fields: dict[str, Any] = self._group(f"joints/{joint}/film")
@@ -304,7 +306,7 @@ class History(Described):
             bodies[name] = BodyResult(
                 self._group(f"bodies/{name}"), self.coordinates[:, of_body], self.rates[:, of_body]
             )
-        return bodies
+        return Named(bodies, "result.bodies")
 
     @property
     def time(self) -> Quantity:
@@ -339,7 +341,8 @@ class History(Described):
         The dictionary is empty if the history was read without films.
         """
         parts = [(path.split("/"), v) for path, v in self.values.items()]
-        return {path[1]: np.asarray(v) for path, v in parts if path[2:] == ["film", "pressure"]}
+        films = {path[1]: np.asarray(v) for path, v in parts if path[2:] == ["film", "pressure"]}
+        return Named(films, "result.pressures")
 
     def summary(self) -> Mapping[str, Any]:
         """Entries of ``summary.json``; empty if the run is in progress or was killed."""
@@ -357,7 +360,7 @@ class History(Described):
     @property
     def figures(self) -> Mapping[str, Mapping[str, Any]]:
         """Extremes and means in the summary of every lubricated joint, by name of the joint."""
-        return self.entries.get("joints", {})
+        return Named(self.entries.get("joints", {}), "result.figures")
 
     @property
     def cycles(self) -> int:
@@ -485,7 +488,14 @@ class History(Described):
 
         It is the run's reference angle, `run.crank_angle`, if the body turns with it; the angle of
         any other body begins between 0 and 360 degrees. None for a body without an angle.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such body.
         """
+        if body not in self.bodies:
+            raise unknown_name("result.bodies", body, self.bodies)
         radians = self.values.get(f"bodies/{body}/angle")
         if radians is None:
             return None
@@ -679,7 +689,7 @@ def load_history(directory: str | Path, *, films: bool = True) -> History:
     require_class("directory", directory, str, Path)
     folder = Path(directory)
     path = folder / FIELDS_NAME
-    summary = _summary(folder)
+    summary = read_summary(folder)
     scene = _scene(folder)
     if not path.exists():
         raise InputError(f"{folder}: {missing(path, 'not a results folder, it has no')}")
@@ -732,56 +742,6 @@ def _require_cells(arrays: Mapping[str, np.ndarray]) -> None:
             raise ValueError(
                 f"/{path} has the shape {cells.shape}, or indices that do not fit {nodes} nodes"
             )
-
-
-#: Allowed types of the entries that are read from a summary.
-SUMMARY_KINDS: Mapping[str, tuple[type, ...]] = {
-    "status": (str,),
-    "cycles": (int,),
-    "joints": (dict,),
-    "cycle_used": (str,),
-    "cycle_start_s": (float, int),
-    "cycle_end_s": (float, int),
-}
-
-
-def _summary(folder: Path) -> dict[str, Any]:
-    """Read the summary in a folder; it is empty if the file does not exist yet."""
-    path = folder / SUMMARY
-    if not path.exists():
-        return {}
-    with named(InputError, f"{path}: not a summary of a run"):
-        entries = read_json(path)
-        if not isinstance(entries, dict):
-            raise ValueError("not an object")
-        for name, kinds in SUMMARY_KINDS.items():
-            if not isinstance(entries.get(name, kinds[0]()), kinds):
-                raise ValueError(f"{name} = {entries[name]!r} has the wrong type")
-        return _with_nan(_with_joints(entries))
-
-
-def _with_joints(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a summary with the entries of every joint under ``joints``.
-
-    Summaries of version 0.3 with one lubricated joint have its name as ``joint``, followed by its
-    entries up to ``cycle_used``.
-    """
-    names = list(summary)
-    if "joint" not in summary or "cycle_used" not in summary:
-        return dict(summary)
-    first = names.index("joint")
-    end = names.index("cycle_used")
-    entries = {name: summary[name] for name in names[first + 1 : end]}
-    before = {name: summary[name] for name in names[:first]}
-    after = {name: summary[name] for name in names[end:]}
-    return {**before, "joints": {summary["joint"]: entries}, **after}
-
-
-def _with_nan(value: Any) -> Any:
-    """Replace None by NaN in a value from JSON, where null is a number that is not finite."""
-    if isinstance(value, dict):
-        return {name: _with_nan(entry) for name, entry in value.items()}
-    return float("nan") if value is None else value
 
 
 def _scene(folder: Path) -> dict[str, Any]:

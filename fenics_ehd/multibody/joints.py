@@ -21,6 +21,7 @@ import numpy as np
 
 from fenics_ehd.base import fields as quantities
 from fenics_ehd.base.arguments import require_class, require_number
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import REQUIRED, flag, names, number, pair, text
 from fenics_ehd.base.needs import NONE
@@ -162,7 +163,7 @@ class Geometry:
 
 
 @renamed_attributes(own="additional")
-class Joint(ABC):
+class Joint(Described, ABC):
     """Joint or drive of a mechanism, with m constraints between its markers.
 
     Attributes
@@ -328,7 +329,7 @@ class AngleDrive(Joint):
 
 
 @attrs.frozen
-class Speed:
+class Speed(Described):
     """Drive at a given speed, from the angle of the body at the start.
 
     Attributes

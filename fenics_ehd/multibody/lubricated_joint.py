@@ -33,7 +33,7 @@ journal in the circle.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -45,6 +45,7 @@ from fenics_ehd.base.arguments import (
     require_pair,
     require_word,
 )
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.fields import CAVITATIONS, SHEAR_RULES, TRANSFERS
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.film import Film
@@ -84,7 +85,7 @@ WORDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class LubricatedJoint:
+class LubricatedJoint(Described):
     """Lubricated joint of a mechanism: its markers, film and models.
 
     Attributes
@@ -144,6 +145,18 @@ class LubricatedJoint:
         x, y = self.eccentricity
         share = x / parameters.clearance, y / parameters.clearance
         require_inside(share, rough=parameters.surfaces is not None)
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield markers, film, oil and models of the joint."""
+        yield "LubricatedJoint", f"journal {self.journal} in bore {self.bore}"
+        for name, text in self.film.described():
+            yield name, text
+        models = [self.cavitation, f"friction on the bodies {'on' if self.friction else 'off'}"]
+        models += ["heat balance"] if self.heat is not None else []
+        yield "models", ", ".join(models)
+        for name in ("bore_shape", "journal_shape"):
+            if getattr(self, name) is not None:
+                yield name, "not round"
 
     def _check_arguments(self) -> None:
         """Refuse arguments of a wrong class, unknown words and numbers out of range."""

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import linalg
 
 from fenics_ehd.base.arguments import copied, require_callable, require_class, require_pair
-from fenics_ehd.base.described import Described, names_or_none
+from fenics_ehd.base.described import Described, Named, names_or_none
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.plane import rotation
 from fenics_ehd.film.kinematics import require_read
@@ -100,7 +100,8 @@ class Mechanism(Described):
             "forces": lambda name, value: require_class(name, value, Force),
         }
         for name, check in checks.items():
-            object.__setattr__(self, name, copied(name, getattr(self, name), check))
+            members = copied(name, getattr(self, name), check)
+            object.__setattr__(self, name, Named(members, f"mechanism.{name}"))
         require_pair("gravity", self.gravity)
 
     def described(self) -> Iterator[tuple[str, str]]:

@@ -6,15 +6,16 @@ a `DeprecationWarning`, if only one joint has the quantity.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
 
+from fenics_ehd.base.described import Described, unknown_name, value_text
 from fenics_ehd.base.renamed import joint_of_bare_name, warn_renamed
 
 
-class Columns(dict[str, np.ndarray]):
+class Columns(Described, dict[str, np.ndarray]):
     """Columns of ``history.csv`` by name.
 
     A name without its joint is accepted if only one joint has the column.
@@ -27,6 +28,12 @@ class Columns(dict[str, np.ndarray]):
 
     joints: Collection[str] = ()
 
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield the number of columns, and the range of each."""
+        yield "columns", f"{len(self)} arrays over the steps, by name with unit"
+        for name, values in self.items():
+            yield name, value_text(values)
+
     def __missing__(self, name: str) -> np.ndarray:
         columns = {
             joint: [key.removeprefix(f"{joint}.") for key in self if key.startswith(f"{joint}.")]
@@ -34,7 +41,7 @@ class Columns(dict[str, np.ndarray]):
         }
         joint = joint_of_bare_name(name, columns)
         if joint is None:
-            raise KeyError(name)
+            raise unknown_name("columns", name, self, "list(columns)")
         return self[f"{joint}.{name}"]
 
     def get(self, name: str, default: Any = None) -> Any:
@@ -45,11 +52,17 @@ class Columns(dict[str, np.ndarray]):
             return default
 
 
-class Summary(dict[str, Any]):
+class Summary(Described, dict[str, Any]):
     """Entries of ``summary.json`` by name.
 
     The entry of a joint is accepted without the joint if only one joint has it.
     """
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield the number of entries, and each of them; those of joints by their names."""
+        yield "summary", f"{len(self)} entries, dict(summary) has all of them"
+        for name, value in self.items():
+            yield name, value_text(value)
 
     def __missing__(self, name: str) -> Any:
         joints = super().get("joints", {})
@@ -58,7 +71,7 @@ class Summary(dict[str, Any]):
             return next(iter(joints))
         joint = joint_of_bare_name(name, joints, before="joints.")
         if joint is None:
-            raise KeyError(name)
+            raise unknown_name("summary", name, self, "list(summary)")
         return joints[joint][name]
 
     def get(self, name: str, default: Any = None) -> Any:

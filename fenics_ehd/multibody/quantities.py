@@ -43,6 +43,7 @@ import numpy as np
 
 from fenics_ehd.base.arguments import require_callable, require_class
 from fenics_ehd.base.columns import with_unit
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.extremes import FilmRows
 from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.film.film import Film, FilmState
@@ -61,7 +62,7 @@ EQUAL = 1e-9
 
 @renamed_attributes(place="binding")
 @dataclass(frozen=True, eq=False)
-class JointStep:
+class JointStep(Described):
     """Lubricated joint at the end of a step.
 
     Integrals over its film are evaluated at first use, so that integrals that no model of the joint

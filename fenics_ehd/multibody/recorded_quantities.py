@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_ehd.base.columns import Quantity, with_unit
+from fenics_ehd.base.described import Described, names_or_none, unknown_name, value_text
 from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.printed import near_names
 
 
 @dataclass(frozen=True, eq=False)
-class Quantities(Mapping[str, Quantity]):
+class Quantities(Described, Mapping[str, Quantity]):
     """Quantities over the steps of a run, each of shape (steps,), by name or as attributes.
 
     Parameters
@@ -24,10 +26,18 @@ class Quantities(Mapping[str, Quantity]):
     quantities: Mapping[str, Quantity]
 
     def __getitem__(self, name: str) -> Quantity:
+        if name not in self.quantities:
+            raise unknown_name("quantities", name, self.quantities)
         return self.quantities[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.quantities)
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield the number of quantities, and the range of each with its unit."""
+        yield type(self).__name__, f"{len(self)} quantities over the steps: {', '.join(self)}"
+        for name, quantity in self.items():
+            yield name, value_text(quantity)
 
     def __len__(self) -> int:
         return len(self.quantities)
@@ -36,8 +46,11 @@ class Quantities(Mapping[str, Quantity]):
         # A copy under construction has no attribute `quantities` yet.
         quantities = self.__dict__.get("quantities", {})
         if name not in quantities:
-            names = ", ".join(quantities) or "none"
-            raise AttributeError(f"no quantity is named {name!r}: choose one of {names}")
+            near = " or ".join(near_names(quantities, name))
+            hint = f"did you mean {near}? " if near else ""
+            raise AttributeError(
+                f"no quantity is named {name!r}: {hint}choose one of {names_or_none(quantities)}"
+            )
         return quantities[name]
 
     def __dir__(self) -> list[str]:
@@ -60,7 +73,7 @@ FAMILIES = {4: "bilinear", 8: "serendipity", 9: "lagrange"}
 
 
 @dataclass(frozen=True, eq=False)
-class FilmResult:
+class FilmResult(Described):
     """Pressure and gap of a joint's film at the nodes of the film's mesh.
 
     Attributes

@@ -49,6 +49,7 @@ from scipy.linalg import eigh
 
 from fenics_ehd.base import fields
 from fenics_ehd.base.checks import as_float, unless
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
     LARGEST_LENGTH,
@@ -76,7 +77,7 @@ THEORIES = ("bernoulli", "timoshenko")
 
 
 @attrs.frozen(eq=False, slots=False)
-class Shaft:
+class Shaft(Described):
     """Uniform round shaft on two springs at its ends, with equal stiffness in all directions."""
 
     length: float = metres(1.0, "[m]", below=100)
@@ -300,7 +301,7 @@ FREE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class ModalRotor:
+class ModalRotor(Described):
     """Shaft with disks in modal coordinates ``(a, b)``, m modes in each plane.
 
     Attributes

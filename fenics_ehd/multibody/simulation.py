@@ -20,7 +20,7 @@ from fenics_ehd.base.arguments import (
     require_number,
 )
 from fenics_ehd.base.errors import SettingsError
-from fenics_ehd.base.progress import chosen_progress
+from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.film.heat import require_cycle
 from fenics_ehd.multibody.bdf import IntegratorOptions
 from fenics_ehd.multibody.history import History
@@ -48,7 +48,7 @@ def simulate(
     period: float | None = None,
     periodicity: float = 1e-4,
     cycles: int = 20,
-    progress: Callable[[MechanismStep], None] | bool = True,
+    progress: Progress | bool | Callable[[MechanismStep], None] = True,
     **steps: Any,
 ) -> History:
     """Simulate a mechanism from its start to an end time, or until its motion is periodic.
@@ -63,8 +63,9 @@ def simulate(
         Period of the loads and drives [s] for the search for a periodic solution; largest relative
         change of the films over a cycle, and largest number of cycles, see `PeriodicSolver`.
     progress
-        Whether progress is shown in a terminal or notebook; or a function that is called with every
-        accepted step: ``lambda step: print(step.time)``.
+        Whether progress is shown in a terminal or notebook; or the progress in which the run is a
+        stage; or a function that is called with every accepted step, and shows nothing:
+        ``lambda step: print(step.time)``.
     steps
         Options of the time integration, see `IntegratorOptions`: ``tolerance=1e-6``.
 
@@ -96,7 +97,7 @@ def simulate(
     span = require_number(*duration, above=0)
     require_number("periodicity", periodicity, above=0)
     require_count("cycles", cycles, least=1)
-    if not isinstance(progress, bool):
+    if not isinstance(progress, bool | Progress):
         require_callable("progress", progress)
     run = Run(mechanism, IntegratorOptions(**steps), span)
     for name, joint in mechanism.joints.items():
@@ -104,7 +105,7 @@ def simulate(
             require_cycle(period is not None, f"joints.{name}.heat")
     search = None if period is None else PeriodicSolver(run, span, periodicity, cycles)
     recorder = Recorder(run, span, search)
-    if not isinstance(progress, bool):
+    if not isinstance(progress, bool | Progress):
         for step, _ in recorder.steps():
             progress(step)
         return summarised_history(recorder)

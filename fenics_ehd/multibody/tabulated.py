@@ -26,6 +26,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fenics_ehd.base.described import Described
+
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
@@ -113,7 +115,7 @@ PERIODS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(Described):
     """Function through the rows of a table, none of which a step may miss.
 
     Attributes
@@ -195,7 +197,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Variation:
+class Variation(Described):
     """Variation of a force, drive or supply over time or over the angle of a body.
 
     Attributes

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.units import RPM
 from fenics_ehd.plotting.picture import RED, SETTINGS, WIDTH, legend, plt, save, style
+
+if TYPE_CHECKING:
+    from fenics_ehd.scenes.bearing_map import BearingMap
 
 #: Weight of a mass of 1 kg [N].
 GRAVITY = 9.80665
@@ -36,29 +42,39 @@ ROOM = 0.09
 WIDE = 30.0
 
 
-def plot_bearing_map(
-    rows: Sequence[Mapping[str, float | None]],
-    along: str,
-    path: str | Path,
-    failed: Sequence[float] = (),
-) -> None:
-    """Draw stiffness, damping, whirl ratio and critical mass over speed or load.
+def plot_bearing_map(points: BearingMap, path: str | Path) -> None:
+    """Draw a map of a bearing to a file; its ending determines the format."""
+    save(bearing_map_figure(points), [path])
 
-    Parameters
-    ----------
-    rows
-        Rows of the map, see `BearingMap.rows`; at least one row.
-    along
-        Column of the horizontal axis: ``frequency`` or ``load_N``.
-    path
-        Path of the picture; its ending determines the format.
-    failed
-        Values of the horizontal axis without a result, which are marked by crosses.
+
+def bearing_map_figure(points: BearingMap) -> Figure:
+    """Draw stiffness, damping, whirl ratio and critical mass of a map over speed or load.
+
+    Points without a result are marked by crosses.
+
+    Raises
+    ------
+    SettingsError
+        The map has no result, or has several speeds and several loads.
     """
-    columns = {
-        name: np.array([np.nan if row[name] is None else row[name] for row in rows], dtype=float)
-        for name in rows[0]
-    }
+    rows = points.rows()
+    if not rows:
+        raise SettingsError("the map has no point with a result: see its attribute failed")
+    speeds = {result.settings.speed for result in points.results}
+    speeds |= {point.speed for point in points.failed}
+    by_load = len(speeds) == 1 and len(points.results) + len(points.failed) > 1
+    if not by_load and len(speeds) < len(points.results) + len(points.failed):
+        raise SettingsError(
+            "the map has several speeds and several loads, but a picture has one axis: make a map "
+            "over one of them"
+        )
+    along = "load_N" if by_load else "frequency"
+    failed = [
+        value
+        for point in points.failed
+        if (value := point.load if by_load else point.speed) is not None
+    ]
+    columns = {name: points[name] for name in rows[0]}
     x = columns[along]
     with plt.rc_context(SETTINGS):
         figure, axes = plt.subplots(
@@ -87,7 +103,7 @@ def plot_bearing_map(
             for upper in axes[0]:
                 turns = upper.secondary_xaxis("top", functions=(_to_rpm, _from_rpm))
                 turns.set_xlabel("speed of the shaft [1/min]")
-        save(figure, [path])
+    return figure
 
 
 def _mark_failures(axes: np.ndarray, failed: Sequence[float]) -> None:

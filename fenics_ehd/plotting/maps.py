@@ -401,15 +401,12 @@ def lay_out_section(axes: Axes, turn: float = 0.0) -> None:
 
 
 def plot_bearing(result: BearingResult, path: str | Path) -> None:
-    """Draw the result of a bearing: map, curves and section. Angles are from the load line.
+    """Draw the result of a bearing to a file; its ending determines the format."""
+    save(bearing_figure(result), [path])
 
-    Parameters
-    ----------
-    result
-        Result of `solve_bearing`.
-    path
-        Path of the picture; its ending determines the format.
-    """
+
+def bearing_figure(result: BearingResult) -> Figure:
+    """Draw the result of a bearing: map, curves and section. Angles are from the load line."""
     figure, axes = plt.subplot_mosaic(
         [["map", "section"], ["curves", "section"]],
         figsize=(11.0, 5.8),
@@ -457,7 +454,7 @@ def plot_bearing(result: BearingResult, path: str | Path) -> None:
     arrow = {"arrowstyle": "-|>", "color": "0.15", "linewidth": 1.8}
     axes["section"].annotate("W", (0, 0.62), (0, 1.4), ha="center", arrowprops=arrow)
     axes["section"].set_title(_caption(result), fontsize=9, loc="left")
-    save(figure, [path])
+    return figure
 
 
 def _mark(axes: Axes, result: BearingResult, ends: np.ndarray) -> None:

@@ -1,10 +1,14 @@
-"""Pictures of runs by the name of their quantity, for selected joints of one or more runs."""
+"""Pictures of runs by the name of their quantity, for selected joints of one or more runs.
+
+Imports inside functions: pictures of runs need neither films nor rotor maps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 import numpy as np
@@ -17,6 +21,11 @@ from fenics_ehd.plotting.curves import Curves, Panel, Paths, Rows, load, orbit
 from fenics_ehd.plotting.maps import Bores, Map
 from fenics_ehd.plotting.picture import FILMS, PRESSURES, SETTINGS, plt, save_in_formats
 from fenics_ehd.plotting.shown import STORED, ShownJoint, ShownRun
+
+if TYPE_CHECKING:
+    from fenics_ehd.analysis.bearing import BearingResult
+    from fenics_ehd.analysis.rotor_map import RotorMap
+    from fenics_ehd.scenes.bearing_map import BearingMap
 
 #: Type of the runs of a figure: one, several in a sequence, or several by name.
 Run = str | Path | History
@@ -359,23 +368,29 @@ def _title_of_difference(title: str, first: ShownJoint, second: ShownJoint) -> s
 
 
 def plot(
-    runs: Runs,
-    quantity: str,
+    runs: Runs | BearingResult | BearingMap | RotorMap,
+    quantity: str = "",
     *,
     difference: bool = False,
+    speed: float | None = None,
 ) -> Figure:
     """Draw a quantity over the last cycle of one or more runs, as ``fenics-ehd plot`` does.
+
+    Results of bearings and rotor maps are drawn as by ``fenics-ehd bearing`` and ``rotor``.
 
     Parameters
     ----------
     runs
         History or folder of a run, several of them in a sequence, or several by their names in the
-        legend.
+        legend; or a result of `bearing`, `bearing_map` or `rotor_map`.
     quantity
         Name of the quantity, with the joint if only one joint is wanted:
-        ``"big_end.min_film_thickness"``. `Pictures.names` lists the quantities that runs have.
+        ``"big_end.min_film_thickness"``. The message about an unknown name lists those that the
+        runs have. A rotor map has ``"campbell"``, its default, and others, see `RotorMap.plot`.
     difference
         Whether the difference of two runs is drawn: second run minus first run.
+    speed
+        Speed of the mode shapes of a rotor map, see `RotorMap.plot` [rad/s].
 
     Returns
     -------
@@ -390,10 +405,46 @@ def plot(
         The quantity or its joint is unknown; the message lists the known ones.
     """
     require_class("quantity", quantity, str)
+    if not isinstance(runs, str | Path | History | Sequence | Mapping):
+        return _closed(_figure_of_result(runs, quantity, speed))
+    if speed is not None:
+        raise SettingsError(f"speed = {speed!r} has an effect on a rotor map only: drop speed")
     pictures = Pictures(_named(runs), difference=difference, option="{}")
     pictures.require([quantity])
     figure = pictures.figure(quantity)
     assert figure is not None
+    return _closed(figure)
+
+
+def _figure_of_result(
+    result: BearingResult | BearingMap | RotorMap, quantity: str, speed: float | None
+) -> Figure:
+    """Draw a result of `bearing`, `bearing_map` or `rotor_map`, see `plot`.
+
+    Raises
+    ------
+    SettingsError
+        The result has no picture of this name, the speed has no effect, or it is no result.
+    """
+    from fenics_ehd.analysis.bearing import BearingResult
+    from fenics_ehd.analysis.rotor_map import RotorMap
+    from fenics_ehd.plotting.bearing_map import bearing_map_figure
+    from fenics_ehd.plotting.maps import bearing_figure
+    from fenics_ehd.plotting.rotor import CAMPBELL, map_figure
+    from fenics_ehd.scenes.bearing_map import BearingMap
+
+    require_class("runs", result, str, Path, History, BearingResult, BearingMap, RotorMap)
+    if isinstance(result, RotorMap):
+        return map_figure(result, quantity or CAMPBELL, speed)
+    if quantity or speed is not None:
+        raise SettingsError(
+            f"quantity = {quantity!r}, speed = {speed!r}: a bearing has one picture: drop both"
+        )
+    return bearing_map_figure(result) if isinstance(result, BearingMap) else bearing_figure(result)
+
+
+def _closed(figure: Figure) -> Figure:
+    """Lay out a figure and close it; it can still be shown and saved."""
     for _ in range(2):  # titles move as soon as the ticks have their positions
         figure.draw_without_rendering()
     # Else a notebook would show it twice: as a result, and as a figure that is still open.

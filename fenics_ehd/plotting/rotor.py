@@ -26,6 +26,8 @@ from fenics_ehd.analysis.modes import (
 )
 from fenics_ehd.analysis.rotor_map import CRITICAL_DAMPING, OVERDAMPED, RotorMap, StabilityLimit
 from fenics_ehd.analysis.unbalance import UnbalanceResponse, larger_axes, phases
+from fenics_ehd.base.arguments import require_number, require_word
+from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.units import RPM
 from fenics_ehd.plotting.picture import (
     BLUE,
@@ -108,6 +110,50 @@ def plot_map(chart: RotorMap, directory: str | Path, shown: Sequence[int]) -> li
         for name, figure in figures.items():
             paths += save_in_formats(figure, directory, name)
     return paths
+
+
+def map_figure(chart: RotorMap, quantity: str, speed: float | None = None) -> Figure:
+    """Draw one picture of a rotor map.
+
+    Parameters
+    ----------
+    chart
+        The map.
+    quantity
+        Name of the picture: ``campbell``, ``decrement``, ``mode_shapes`` or ``unbalance``.
+    speed
+        Speed whose mode shapes are drawn, the nearest of the map [rad/s]; None for the first
+        stability limit, or a speed in the middle of the map.
+
+    Raises
+    ------
+    SettingsError
+        There is no such picture, the rotor has no shaft, or the map has no response to unbalances.
+    """
+    require_word("quantity", quantity, (CAMPBELL, DECREMENT, MODE_SHAPES, UNBALANCE))
+    if speed is not None and quantity != MODE_SHAPES:
+        raise SettingsError(f"speed = {speed:g} has an effect on mode_shapes only: drop speed")
+    with plt.rc_context(SETTINGS):
+        if quantity == UNBALANCE:
+            if chart.response is None:
+                raise SettingsError(
+                    "quantity = 'unbalance': the map has no response: give unbalance to rotor_map"
+                )
+            return unbalance(chart, chart.response)
+        if quantity == MODE_SHAPES:
+            if not chart.stations.heights.any():
+                raise SettingsError("quantity = 'mode_shapes': the rotor has no elastic shaft")
+            return mode_shapes(chart, nearest_speed(chart, speed))
+        return campbell(chart) if quantity == CAMPBELL else decrement(chart)
+
+
+def nearest_speed(chart: RotorMap, speed: float | None) -> int:
+    """Index of the map's speed that is nearest to a speed [rad/s], see `map_figure` for None."""
+    if speed is None:
+        middle = chart.points[len(chart.points) // 2].speed
+        speed = chart.limits[0].speed if chart.limits else middle
+    wanted = require_number("speed", speed, unit="rad/s")
+    return int(np.argmin(np.abs(chart.speeds - wanted)))
 
 
 def _along(chart: RotorMap, body: str) -> np.ndarray:

@@ -49,7 +49,7 @@ ELASTIC = slice(3, None)
 
 
 @dataclass(frozen=True, eq=False)
-class InertiaIntegrals:
+class InertiaIntegrals(Described):
     """Inertia integrals of a body in a planar floating frame, from the finite-element mass matrix.
 
     The columns of ``B`` are 3 + n fields of all dofs: the position relative to the centre of the
@@ -93,7 +93,7 @@ class InertiaIntegrals:
 
 
 @dataclass(frozen=True, eq=False)
-class ResidualFlexibility:
+class ResidualFlexibility(Described):
     """Quasi-static flexibility of the bores that M4 adds to that of the elastic coordinates.
 
     The bores have m nodes and k pressure nodes.
@@ -126,7 +126,7 @@ class ResidualFlexibility:
 
 
 @dataclass(frozen=True)
-class ModeRecord:
+class ModeRecord(Described):
     """Record of one mode in the inventory of the kept and the dropped modes of a body.
 
     Attributes

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError, StructureError
 from fenics_ehd.base.layout import Value
 from fenics_ehd.reduction.elements import (
@@ -93,7 +94,7 @@ def no_cells() -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BoreSurface:
+class BoreSurface(Described):
     """Surface of a bore; positions of nodes are relative to the bore's centre.
 
     Attributes
@@ -276,7 +277,7 @@ END_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class BoreHole:
+class BoreHole(Described):
     """A hole in a bore.
 
     Attributes

@@ -42,6 +42,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.base.sealed_file import named, require_file
@@ -64,7 +65,7 @@ Entries = tuple[np.ndarray, np.ndarray]
 
 @renamed_attributes(places="indices")
 @dataclass(frozen=True, eq=False)
-class ForeignMatrices:
+class ForeignMatrices(Described):
     """Stiffness and mass matrices of a part from another program.
 
     Degrees of freedom are in the order of this package, ``3 * index + component``.

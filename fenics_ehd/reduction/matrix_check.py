@@ -45,6 +45,7 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
 from fenics_ehd.reduction.bore import rigid_fields
@@ -224,7 +225,7 @@ def _forces(stiffness: PETSc.Mat, fields: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def _largest(columns: np.ndarray, comm: MPI.Comm) -> np.ndarray:
     """Largest value of each column, over the rows of all ranks."""
-    return comm.allreduce(columns.max(axis=0, initial=0.0), op=MPI.MAX)
+    return np.max(comm.allgather(columns.max(axis=0, initial=0.0)), axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +263,7 @@ def _excess(stiffness: PETSc.Mat, fields: np.ndarray, digits: int | None) -> _Ex
     if rounding is None or rounding.unit > _SIMPLE:
         return _Excess(defects, np.zeros(6, dtype=bool), None)
     limit = rounding.factor * rounding.unit * terms + ROUND_OFF_FORCES * scale
-    rounded = comm.allreduce((forces <= limit).all(axis=0), op=MPI.LAND)
+    rounded = np.all(comm.allgather((forces <= limit).all(axis=0)), axis=0)
     if rounded.any() and rounding.unit > 0.5 * 10.0 ** (1 - FEWEST_DIGITS):
         raise StructureError(
             f"K has {rounding.label}, at least {FEWEST_DIGITS} are needed: rigid motions have "
@@ -527,7 +528,7 @@ def _check_definite(mass: PETSc.Mat) -> None:
 
 
 @dataclass(frozen=True)
-class MatrixCheck:
+class MatrixCheck(Described):
     """Mass, centre, elastic defects and estimates from a part's K and M; printed as lines of text.
 
     Attributes

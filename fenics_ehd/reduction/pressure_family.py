@@ -30,6 +30,7 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg import block_diag, qr
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.reduction.bore import BoreSurface, bore_holes
 
 #: Orders M_0, M_1, ... of the levels. Errors of the bore's displacement under the pressures of a
@@ -63,7 +64,7 @@ DIGITS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class PressureFamily:
+class PressureFamily(Described):
     """Nested sets of nodal pressures on the bores of a part; each pressure acts in one bore only.
 
     Attributes

@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import VerificationError
 from fenics_ehd.base.progress import SILENT, Progress
 from fenics_ehd.reduction.body import (
@@ -253,7 +254,7 @@ class StaticResponses:
 T = TypeVar("T")
 
 
-class Reductor:
+class Reductor(Described):
     """A part together with intermediate results that its reductions share.
 
     Reductions accept it in place of the part:

@@ -22,6 +22,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from fenics_ehd.base.arguments import require_count
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.reduction.bore import (
@@ -164,7 +165,7 @@ class Recovery:
 
 @renamed_attributes(reach="largest_coordinate")
 @dataclass(frozen=True, eq=False)
-class Structure:
+class Structure(Described):
     """Linear structure ``M x'' + K x = f`` (16) with lubricated bores.
 
     Degrees of freedom are ``3 * node + component``. Rows are distributed over the ranks of `comm`;

@@ -7,6 +7,8 @@ The table of a map has the columns that ROSS (github.com/petrobras/ross) reads f
 ``frequency``, the speed of the shaft [rad/s], stiffness ``kxx``, ``kxy``, ``kyx``, ``kyy`` [N/m]
 and damping ``cxx``, ``cxy``, ``cyx``, ``cyy`` [N s/m]. The axis x is along the load, and y is a
 quarter turn from x in the direction of rotation. Further columns have names with units.
+
+Imports inside functions: figures need matplotlib, which is loaded when one is drawn.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
@@ -27,13 +29,28 @@ from fenics_ehd.base.arguments import (
     require_names,
     require_number,
 )
+from fenics_ehd.base.described import Described, unknown_name
 from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.scenes.bearing import solve_bearing
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Columns of the table that describe a map: name, factor to the unit, and unit.
+DESCRIBED = (
+    ("frequency", 1.0, "rad/s"),
+    ("load_N", 1.0, "N"),
+    ("eccentricity_ratio", 1.0, ""),
+    ("min_film_thickness_m", 1e6, "um"),
+    ("stiffness_scatter_N_per_m", 1e-6, "MN/m"),
+    ("whirl_frequency_ratio", 1.0, ""),
+    ("critical_mass_kg", 1.0, "kg"),
+)
+
 
 @dataclass(frozen=True)
-class FailedPoint:
+class FailedPoint(Described):
     """A point of a bearing map for which there is no result.
 
     Attributes
@@ -56,7 +73,7 @@ class FailedPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class BearingMap:
+class BearingMap(Described):
     """Results of a bearing over speeds and loads.
 
     Attributes
@@ -69,6 +86,38 @@ class BearingMap:
 
     results: tuple[BearingResult, ...]
     failed: tuple[FailedPoint, ...]
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield points, ranges of speed, load, film and coefficients, and points without result."""
+        total = len(self.results) + len(self.failed)
+        yield "BearingMap", f"{len(self.results)} of {total} points have a result"
+        rows = self.rows()
+        for name, factor, unit in DESCRIBED if rows else ():
+            values = [factor * value for row in rows if (value := row[name]) is not None]
+            if values:
+                yield name, f"{min(values):.4g} to {max(values):.4g} {unit}".rstrip()
+        for point in self.failed[:1]:
+            yield f"failed ({len(self.failed)})", f"{point.name}: {point.reason}"
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Column of the map's table, shape (points,), by its name in `rows`; NaN if missing."""
+        rows = self.rows()
+        if not rows or name not in rows[0]:
+            raise unknown_name("map", name, rows[0] if rows else (), "map.rows()[0]")
+        values = [row[name] for row in rows]
+        return np.array([np.nan if value is None else value for value in values], dtype=float)
+
+    def plot(self) -> Figure:
+        """Draw stiffness, damping, whirl ratio and critical mass over speed or load.
+
+        Raises
+        ------
+        SettingsError
+            The map has no result, or has several speeds and several loads.
+        """
+        from fenics_ehd import plot
+
+        return plot(self)
 
     def rows(self) -> list[dict[str, float | None]]:
         """Rows of the table of the map, each as values by column; None for a missing value."""

@@ -27,6 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.described import Described, Named
 from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.film.grid import MeshMaker
 from fenics_ehd.multibody.bdf import IntegratorOptions
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Machine:
+class Machine(Described):
     """The mechanism of a scene, with the arguments of its simulation.
 
     Attributes
@@ -79,6 +80,19 @@ class Machine:
     steps: IntegratorOptions
     options: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield the duration, the lines of the mechanism, reduced bodies and warnings."""
+        if self.period is None:
+            yield "Machine", f"end {self.end:.6g} s, tolerance {self.steps.tolerance:.4g}"
+        else:
+            yield "Machine", f"period {self.period:.6g} s, tolerance {self.steps.tolerance:.4g}"
+        for name, text in self.mechanism.described():
+            yield name.lower(), text
+        for name, body in self.bodies.items():
+            yield f"body {name}", f"{body.method}, {body.modes} elastic coordinates"
+        for line in self.warnings:
+            yield "warning", line
 
 
 def build(
@@ -155,8 +169,8 @@ def build(
     duration = _duration(scene)
     return Machine(
         Mechanism(moving, joints, inputs.drives, inputs.forces, gravity(scene)),
-        elastic,
-        reduced,
+        Named(elastic, "machine.bodies"),
+        Named(reduced, "machine.reduced"),
         seconds if parts.keys() - inputs.bodies.keys() else 0.0,
         duration.get("end"),
         duration.get("period"),

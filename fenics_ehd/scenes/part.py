@@ -23,6 +23,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy import sparse
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import EhdError, MeshError, SettingsError
 from fenics_ehd.base.needs import NONE
 from fenics_ehd.base.progress import SILENT, Progress
@@ -96,7 +97,7 @@ METHODS: Mapping[str, Callable[[Reductor, ReductionSettings, Mapping[str, Any]],
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedPart:
+class ReducedPart(Described):
     """A reduced part, with its assembled structure and the basis of its displacement fields.
 
     Attributes

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import attrs
 
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.fields import choice, count, flag, names, number, text
 from fenics_ehd.base.needs import NONE, not_with, only_with
 
@@ -105,7 +106,7 @@ def method_keys(method: str) -> tuple[str, ...]:
 
 
 @attrs.frozen
-class OutputSettings:
+class OutputSettings(Described):
     """Output of a run: files besides history and summary, error estimates, required accuracy."""
 
     plots: bool = flag(True, "whether curves are drawn as pictures")

@@ -19,6 +19,7 @@ from typing import Any
 import attrs
 
 from fenics_ehd.base import fields as quantities
+from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import (
     INTERPOLATIONS,
@@ -240,7 +241,7 @@ class ContactSettings(Roughness):
 
 
 @attrs.frozen(kw_only=True)
-class LubricatedSettings:
+class LubricatedSettings(Described):
     """A lubricated joint: the journal of one body in the bore of another."""
 
     journal: str = text(REQUIRED, "point on the axis of the journal, crank.pin")
@@ -369,7 +370,7 @@ class GravitySettings:
 
 
 @attrs.frozen
-class TimeSettings:
+class TimeSettings(Described):
     """Duration of a run, and control of its time steps."""
 
     end: float = not_with(

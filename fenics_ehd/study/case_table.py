@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenics_ehd.base.arguments import require_class
-from fenics_ehd.base.described import Described, names_or_none
-from fenics_ehd.base.errors import InputError
+from fenics_ehd.base.described import Described, unknown_name, value_text
+from fenics_ehd.base.errors import InputError, UnknownNameError
 from fenics_ehd.base.files import require_writable
-from fenics_ehd.base.printed import key_hint
 from fenics_ehd.multibody.verdict import COMPLETE
 from fenics_ehd.study.cases import write_table
 
@@ -53,14 +52,17 @@ class CaseTable(Described):
 
         Raises
         ------
-        KeyError
+        UnknownNameError
             No column, or several columns, have this name or end of a name.
         """
         matches = [each for each in self.names if each == name or each.endswith(f".{name}")]
         column = name if name in self.names else matches[0] if len(matches) == 1 else None
         if column is None:
-            hint = " or ".join(matches) if matches else key_hint(self.names, name)
-            raise KeyError(f"{name}: {hint}")
+            if matches:
+                raise UnknownNameError(
+                    f"table[{name!r}] has several columns: choose {' or '.join(matches)}"
+                )
+            raise unknown_name("table", name, self.names, "table.names")
         values = [row[column] for row in self.rows]
         if all(value is None or isinstance(value, (int, float)) for value in values):
             if any(value is None for value in values):
@@ -107,6 +109,7 @@ class CaseTable(Described):
         return pandas.DataFrame(self.columns)
 
     def described(self) -> Iterator[tuple[str, str]]:
-        """Yield numbers of cases, and names of the columns."""
+        """Yield numbers of cases, and the range of every column."""
         yield "Sweep", f"{len(self)} cases, {int(self.complete.sum()) if self.rows else 0} complete"
-        yield "columns", names_or_none(self.names)
+        for name in self.names[1:] if self.rows else ():
+            yield name, value_text(self[name])

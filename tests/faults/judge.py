@@ -13,8 +13,10 @@ from attempt import Outcome
 #: Lines allowed besides the one line of a refusal: progress, and how to continue the run.
 PASSING = re.compile(r"progress: |reducing [\w, ]+( \(|$)|resume it with|fenics-ehd: warning|\s*$")
 
-#: Figures that tell of the machine and not of the result.
-OF_THE_MACHINE = re.compile(r"(wall|processor|reduction)_time_s|versions|file|seconds|host|folder")
+#: Entries that depend on the machine or on bytes of the input, not on the result.
+OF_THE_MACHINE = re.compile(
+    r"(wall|processor|reduction)_time_s|versions|inputs|file|seconds|host|folder"
+)
 
 GOOD = ("refused", "harmless", "right")
 
