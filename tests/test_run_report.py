@@ -8,6 +8,7 @@ from base64 import b64decode
 from functools import partial
 from pathlib import Path
 from shutil import copytree
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from scene_cases import LOADED_JOURNAL, write_scene
 
 import fenics_ehd as ehd
 from fenics_ehd.multibody.figures import Figure, figures_of
+from fenics_ehd.reduction.body import InertiaIntegrals
 from fenics_ehd.scenes.scene import as_stored
 from fenics_ehd.study.report.run_figures import UNITS, figure_blocks, is_zero, number_text
 from fenics_ehd.study.report.run_inputs import LARGEST
@@ -332,6 +334,10 @@ def test_printed_units_have_the_factor_of_their_unit():
         (210e9, "Pa", "210 GPa"),
         (True, "", "yes"),
         ((0.0, -9.81), "m/s2", "(0, -9.81) m/s²"),
+        ((0.025, 0.0), "m", "(25, 0) mm"),
+        (((90.0, 12.0, 2e5),), "degrees, degrees, Pa", "(90, 12, 200000) [degrees, degrees, Pa]"),
+        (45.0, "degrees", "45°"),
+        (90.0, "C", "90 °C"),
     ],
 )
 def test_settings_have_the_unit_that_fits(value, unit, text):
@@ -347,3 +353,32 @@ def test_every_entry_of_a_scene_is_in_words(name):
     tables = ("joints", "drives", "forces", "lubricants")
     expected = sum(len(getattr(scene, table)) for table in tables)
     assert len(entries) == expected + len(set(scene.bodies) - {"ground"}) + 1
+
+
+def test_bodies_have_their_sizes_and_mass_in_words():
+    history = ehd.load_history(FORMER)
+    entries = scene_entries(as_stored("rotor"), history)
+    words = {entry.name: entry.words for entry in entries if entry.kind == "body"}
+    shaft = "elastic shaft, length 1 m, diameter 45 mm, Young's modulus 210 GPa, density 7446 kg/m³"
+    assert words["shaft"].startswith(
+        f"{shaft}, mass 11.84 kg without disks, spring of 1.58e+08 N/m"
+    )
+    assert "point force at 0.75 of the length" in words["shaft"]
+    assert "bore radius 22.5 mm, bore width 22 mm, wall 10 mm" in words["housing"]
+    assert "held at foot, mesh of 20-node hexahedra: bore cells around 20" in words["housing"]
+    scene = as_stored("slider-crank")
+    inertia = InertiaIntegrals(np.eye(3), np.zeros((3, 3)), np.diag([4e-3, 0.0, 0.0]))
+    part = SimpleNamespace(
+        inertia=inertia, method="m4", modes=9, provenance={"degrees_of_freedom": "10491"}
+    )
+    entries = scene_entries(scene, history, {"rod": part})
+    words = {entry.name: entry.words for entry in entries if entry.kind == "body"}
+    assert (
+        words["crank"] == "rigid, mass 1 kg, moment of inertia 0.001 kg m², point pin at (48, 0) mm"
+    )
+    assert "rod length 0.16 m" in words["rod"]
+    assert (
+        "mass 1 kg, moment of inertia 0.004 kg m² about the centre of mass at (0, 0) mm"
+        in words["rod"]
+    )
+    assert words["rod"].endswith("10491 unknowns, reduced by M4 to 9 modes")

@@ -92,7 +92,7 @@ def test_row_is_that_of_a_run_on_its_own(swept, tmp_path, capfd):
     kept = json.loads((swept / "runs" / "0001" / "summary.json").read_text())
     row = results(rows_of(swept))["1"]
     # The worker that runs loads a body, and no Gmsh.
-    timed = ("reduction_time_s", "wall_time_s", "processor_time_s", "versions")
+    timed = ("reduction_time_s", "wall_time_s", "processor_time_s", "versions", "inputs")
     assert {k: v for k, v in kept.items() if k not in timed} == {
         k: v for k, v in summary.items() if k not in timed
     }

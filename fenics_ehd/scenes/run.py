@@ -219,12 +219,12 @@ def run_scene(
             verified=_verified_errors(built),
             progress=progress,
         )
-    inputs = _fingerprints(scene, built)
+    files = _file_digests(scene)
     return record_run(
         _recorder(scene, built),
         directory,
-        _about(scene, built) | {"versions": versions(), "inputs": inputs},
-        inputs,
+        _about(scene, built) | {"versions": versions(), "inputs": files},
+        files | _body_digests(built),
         interval=interval,
         progress=progress,
         former=former,
@@ -367,19 +367,21 @@ def stored_bodies(scene: Scene, directory: Path) -> dict[str, ReducedBody]:
     return {name: load_body(directory / BODY_FILE.format(name)) for name in flexible(scene)}
 
 
-def _fingerprints(scene: Scene, built: Machine) -> dict[str, str]:
-    """Checksums of scene, tables and bodies, by file name.
+def _file_digests(scene: Scene) -> dict[str, str]:
+    """Checksums of scene and tables, by file name.
 
-    A run is resumed only if these checksums equal those at its start.
+    A run is resumed only if these checksums, and those of its bodies, equal those at its start.
     """
     hashes = {SCENE_NAME: hashlib.sha256(scene_text(scene).encode())}
     for path in dict.fromkeys(csv_files(scene.tables)):
         # Names in HDF5 have no slash, and files in several folders may have the same name.
         hashes.setdefault(path.name, hashlib.sha256()).update(path.read_bytes())
-    digests = {name: digest.hexdigest() for name, digest in hashes.items()}
-    return digests | {
-        BODY_FILE.format(name): body_digest(body) for name, body in built.bodies.items()
-    }
+    return {name: digest.hexdigest() for name, digest in hashes.items()}
+
+
+def _body_digests(built: Machine) -> dict[str, str]:
+    """Checksums of reduced bodies, which include the times of their reductions, by file name."""
+    return {BODY_FILE.format(name): body_digest(body) for name, body in built.bodies.items()}
 
 
 def run_accurately(

@@ -39,12 +39,14 @@ SKIPPED = ("points", "position", "velocity", "eccentricity", "eccentricity_rate"
 NAMES = {
     "inertia": "moment of inertia",
     "centre": "centre of mass",
-    "angle": "angle at the start",
     "friction": "shear stress of the oil acts on the bodies",
 }
 
 #: Words for a film element by the name of its family.
 ELEMENTS = {"lagrange": "9-node", "serendipity": "8-node", "bilinear": "bilinear"}
+
+#: Words for kinds of entries; the kind of an oil is not written.
+KINDS = {"oil": "", "massless": "without mass"}
 
 #: Words for the elements of a part by the settings `cells` and `element`.
 CELLS = {
@@ -57,8 +59,8 @@ CELLS = {
 #: Sentences about entries with few settings, by the kind of the entry; names in braces are
 #: settings.
 SENTENCES = {
-    "revolute": "pin joint without play of {between[0]} and {between[1]}",
-    "fixed": "rigid connection of {between[0]} and {between[1]}",
+    "revolute": "pin joint without play between {between[0]} and {between[1]}",
+    "fixed": "rigid connection between {between[0]} and {between[1]}",
     "slider": "slider without play: {point} moves along a line through {line}",
     "constant": "constant force on {point}",
     "time-table": "force over time on {point}, table {file}",
@@ -101,8 +103,12 @@ def setting_text(value: Any, unit: str = "") -> str:
         return "yes" if value else "no"
     unit = unit.replace("m2", "m²").replace("m3", "m³").replace("s2", "s²")
     if isinstance(value, list | tuple):
+        if unit == "m":
+            return _position(value)
         parts = ", ".join(setting_text(part) for part in value)
-        return f"({parts}) [{unit}]" if "," in unit else f"({parts}) {unit}".rstrip()
+        if not any(isinstance(part, list | tuple) for part in value):
+            parts = f"({parts})"
+        return f"{parts} [{unit}]" if "," in unit else f"{parts} {unit}".rstrip()
     if not isinstance(value, int | float):
         return str(value)
     factor = 1.0
@@ -111,7 +117,8 @@ def setting_text(value: Any, unit: str = "") -> str:
             factor = scale
             unit = name
             break
-    return f"{factor * value:.6g}{'°' if unit == 'degrees' else f' {unit}'}".rstrip()
+    shown = {"degrees": "°", "C": " °C"}.get(unit, f" {unit}")
+    return f"{factor * value:.6g}{shown}".rstrip()
 
 
 def changed_settings(
@@ -135,11 +142,11 @@ def changed_settings(
         if attrs.has(type(value)):
             texts += [f"{name}: {', '.join(changed_settings(value)) or 'as by default'}"]
         elif isinstance(value, Mapping):
-            texts += [
-                f"{name} {key}: {', '.join(changed_settings(entry)) or 'as by default'}"
-                for key, entry in value.items()
-                if attrs.has(type(entry))
-            ]
+            kinds = {kind: word for word, kind in field.metadata.get("kinds", {}).items()}
+            for key, entry in value.items():
+                if attrs.has(type(entry)):
+                    words = [kinds.get(type(entry), ""), *changed_settings(entry)]
+                    texts.append(f"{name} {key}: {', '.join(filter(None, words))}")
         elif isinstance(value, bool):
             texts.append(name if value else f"{name}: no")
         else:
@@ -174,6 +181,7 @@ def scene_entries(
             else:
                 words = _other(kind, settings)
             if table == "bodies":
+                words = [re.sub("^angle ", "angle at the start ", text) for text in words]
                 words += _points(settings)
             yield Entry(word, name, ", ".join(filter(None, words)))
     yield Entry("time", "", _time(scene))
@@ -182,13 +190,29 @@ def scene_entries(
 def _other(kind: str, settings: Any) -> list[str]:
     """Words about an entry without a sentence of its own: its kind, and changed settings."""
     if kind not in SENTENCES:
+        if isinstance(settings, Shaft):
+            return ["elastic shaft", *_shaft(settings)]
         words = changed_settings(settings, defaults=kind == "gravity")
-        mass = [f"mass {settings.mass:.4g} kg"] if isinstance(settings, Shaft) else []
-        of_kind = [] if kind == "oil" else [kind]
-        return [*of_kind, *mass, *words]
+        return [KINDS.get(kind, kind), *words]
     sentence = SENTENCES[kind].format_map(vars_of(settings))
     named = tuple(re.findall(r"{(\w+)", SENTENCES[kind]))
     return [sentence, *changed_settings(settings, named)]
+
+
+def _shaft(shaft: Shaft) -> list[str]:
+    """Words about a shaft of beams: sizes, material and mass, also those of defaults."""
+    written = ("length", "diameter", "youngs_modulus", "density", "support_stiffness")
+    return [
+        f"length {setting_text(shaft.length, 'm')}",
+        f"diameter {setting_text(shaft.diameter, 'm')}",
+        f"Young's modulus {setting_text(shaft.youngs_modulus, 'Pa')}",
+        f"density {setting_text(shaft.density, 'kg/m3')}",
+        f"mass {shaft.mass:.4g} kg without disks",
+        f"spring of {setting_text(shaft.support_stiffness, 'N/m')} at either end"
+        if shaft.support_stiffness
+        else "carried by its bearings alone",
+        *changed_settings(shaft, written),
+    ]
 
 
 def vars_of(settings: Any) -> dict[str, Any]:
