@@ -141,8 +141,38 @@ def number(value: float, unit: str) -> str:
     return f"{value:.2g}{SPACE}{unit}".strip()
 
 
+def paper_statements(scene: str) -> list[str]:
+    """Statements of the paper about a machine, with the verdicts in ``paper.json``.
+
+    The file is that of ``fenics-ehd paper --statements``.
+    """
+    from fenics_ehd.study.report.paper_page import STATEMENT_HEADS, STATEMENTS
+
+    recorded = json.loads((DOCS / "paper.json").read_text())
+    entries = [entry for figure in recorded["figures"] for entry in figure["statements"]]
+    entries += recorded["statements"][scene]
+    findings = {(entry["statement"], entry["rule"]): entry for entry in entries}
+    lines = ["| " + " | ".join(STATEMENT_HEADS) + " |", "|---" * len(STATEMENT_HEADS) + "|"]
+    for each in STATEMENTS[scene]:
+        entry = findings.get((each.text, each.rule))
+        if entry is None:
+            raise SystemExit(f"docs/paper.json has no verdict on {each.text!r}")
+        cells = (each.section, each.text, each.rule, entry["measured"], entry["verdict"])
+        lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
+    return lines
+
+
+def paper_verdicts(_: str) -> list[str]:
+    """Meanings of the verdicts on statements of the paper."""
+    from fenics_ehd.study.report.paper_statement import MEANINGS
+
+    return ["| verdict | |", "|---|---|", *(f"| {k} | {v} |" for k, v in MEANINGS.items())]
+
+
 WRITERS = {
     "command-help": command_help,
+    "paper-statements": paper_statements,
+    "paper-verdicts": paper_verdicts,
     "scene-settings": scene_settings,
     "validation-figures": validation_figures,
 }

@@ -157,6 +157,24 @@ def test_unknown_names_are_refused_with_similar_ones():
         assert isinstance(refused.value, KeyError)
         assert message in str(refused.value)
         assert "\n" not in str(refused.value)
+    scene = ehd.read_scene("four-bar")
+    body = ehd.load_body(BODIES / "body-m4.h5")
+    chart = rotor_map()
+    for look_up in (
+        lambda: scene.joints["x"],
+        lambda: scene.films["x"],
+        lambda: body.bores["x"],
+        lambda: body.points["x"],
+        lambda: chart.points[0].figures["x"],
+        lambda: chart.points[0].linear.film_stiffness("x", 1j),
+        lambda: ehd.build(scene, bodies={"x": body}),
+    ):
+        with pytest.raises(ehd.errors.UnknownNameError, match=r"no such name: .*its names"):
+            look_up()
+    with pytest.raises(ehd.errors.SettingsError, match="track = 99 must be a whole number"):
+        chart.shape(0, 99)
+    with pytest.raises(ehd.errors.SettingsError, match=r"did you mean .*pressure_map.* choose"):
+        history.plot("rocker_end.pressure")
     assert history.joints.get("x") is None
     with pytest.raises(AttributeError, match="did you mean max_pressure"):
         _ = history.joints["rocker_end"].max_presure

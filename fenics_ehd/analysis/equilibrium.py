@@ -42,7 +42,7 @@ from scipy import linalg
 
 from fenics_ehd.analysis.film_memory import SampledStiffness, sampled_shifts
 from fenics_ehd.base.arguments import require_class, require_number
-from fenics_ehd.base.described import Described
+from fenics_ehd.base.described import Described, unknown_name
 from fenics_ehd.base.errors import GapClosedError, HeatError, SettingsError, SolverError
 from fenics_ehd.base.renamed import renamed_arguments
 from fenics_ehd.film.heat import TemperatureSearch
@@ -235,6 +235,8 @@ class Linearisation(Described):
 
     def film_stiffness(self, name: str, s: complex) -> np.ndarray:
         """Negative force of a film on its journal per motion ``q exp(s t)``, shape (2, k)."""
+        if name not in self.films:
+            raise unknown_name("films", name, self.films)
         if self.sampled is not None:
             return self.sampled.film(name, s)
         stiffness, damping = self.films[name]

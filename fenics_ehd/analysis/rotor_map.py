@@ -61,8 +61,9 @@ from fenics_ehd.analysis.unbalance import (
     UnbalanceResponse,
     unbalance_response,
 )
-from fenics_ehd.base.described import Described
-from fenics_ehd.base.errors import SolverError
+from fenics_ehd.base.arguments import require_count, require_number
+from fenics_ehd.base.described import Described, Named
+from fenics_ehd.base.errors import SettingsError, SolverError
 from fenics_ehd.base.progress import SILENT, Progress, Stage
 from fenics_ehd.base.units import RPM
 from fenics_ehd.multibody.forces import Unbalance
@@ -334,6 +335,7 @@ class RotorMap(Described):
 
     def stable_at(self, speed: float) -> bool:
         """True if the rotor is stable at a speed [rad/s] by the limits of stability below it."""
+        require_number("speed", speed)
         below = [limit for limit in self.limits if abs(limit.speed) <= abs(speed)]
         return not below[-1].lost if below else self.stable_at_first_speed
 
@@ -341,7 +343,16 @@ class RotorMap(Described):
         """Complex deflections (u, v) of the p stations in a track's mode, shape (p, 2).
 
         `n` is the index of the speed. The largest deflection is 1.
+
+        Raises
+        ------
+        SettingsError
+            If there is no speed or track with this index, or the track has no mode at the speed.
         """
+        require_count("n", n, most=len(self.points) - 1)
+        require_count("track", track, most=len(self.tracks) - 1)
+        if self.tracks[track, n] < 0:
+            raise SettingsError(f"track = {track} has no mode at {self.points[n].speed:.5g} rad/s")
         point = self.points[n]
         motion = point.modes.shapes[:, self.tracks[track, n]]
         return scaled_shape(self.stations.deflections(point.linear, motion))
@@ -425,7 +436,7 @@ class MapSolver:
             mean = in_basis(mean, next(iter(self.points.values())).linear.basis)
         parts = [in_basis(linear, mean.basis) for linear in linears]
         scatter = root_scatter(modes_of(mean), mean, parts)
-        point = MapPoint(speed, mean, figures, growth, scatter, tuple(starts))
+        point = MapPoint(speed, mean, Named(figures, "figures"), growth, scatter, tuple(starts))
         self.points[speed] = point
         return point
 

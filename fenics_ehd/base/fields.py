@@ -25,6 +25,7 @@ from fenics_ehd.base.checks import (
     unless,
     whole_number,
 )
+from fenics_ehd.base.described import Named
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.units import unit_of
 
@@ -227,7 +228,9 @@ def entries(
         Settings classes by the name of a table, for names with a fixed meaning.
     """
     return attrs.field(
-        factory=dict, metadata={"help": help_text, "table": True, "kinds": kinds, "named": named}
+        factory=Named,
+        converter=lambda value: Named(value, "table") if isinstance(value, dict) else value,
+        metadata={"help": help_text, "table": True, "kinds": kinds, "named": named},
     )
 
 

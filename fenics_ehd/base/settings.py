@@ -164,8 +164,9 @@ def idle_settings(
         name = f"{path}{attribute.name}"
         value = getattr(settings, attribute.name)
         about = attribute.metadata
-        changed = value != _default(attribute)
-        needs = about.get("needs", ()) if changed else ()
+        needs = about.get("needs", ())
+        if needs and value == _default(attribute):
+            needs = ()
         failed = next((need for need in needs if need.failure(look_up)), None)
         if failed is not None:
             yield name, value, failed.failure(look_up), failed.notice

@@ -541,6 +541,7 @@ class History(Described):
         OutputError
             If a file cannot be written.
         """
+        require_class("folder", folder, str, Path)
         folder = Path(folder)
         with naming(folder):
             folder.mkdir(parents=True, exist_ok=True)

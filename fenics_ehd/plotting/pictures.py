@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.printed import near_names
 from fenics_ehd.multibody.history import History
 from fenics_ehd.plotting.curves import Curves, Panel, Paths, Rows, load, orbit
 from fenics_ehd.plotting.maps import Bores, Map
@@ -263,8 +264,11 @@ class Pictures:
                 of = " and ".join(run.origin for run in self._runs)
                 whose = f" for {', '.join(joints)}" if joints else ""
                 what = "no difference of this quantity" if self._difference else "no such quantity"
+                near = near_names(self.names, quantity)
+                hint = f"did you mean {' or '.join(near)}? " if near else ""
                 raise SettingsError(
-                    f"{option} {name}: {what}{whose} in {of}: choose from {', '.join(self.names)}"
+                    f"{option} {name}: {what}{whose} in {of}: {hint}choose from "
+                    f"{', '.join(self.names)}"
                 )
 
     def full_name(self, name: str) -> str:
@@ -461,6 +465,8 @@ def _named(runs: Runs) -> dict[str, str | Path | History]:
     if not several:
         raise SettingsError("runs is empty: give at least one history or folder of a run")
     names = [_name_of(run) for run in several]
+    if len(names) == 1:
+        names = [names[0] or "the run"]
     if not all(names) or len(set(names)) < len(names):
         names = [f"{name or 'run'} ({number})" for number, name in enumerate(names, 1)]
     return dict(zip(names, several, strict=True))

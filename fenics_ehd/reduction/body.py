@@ -16,7 +16,7 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 
 from fenics_ehd.base.arguments import require_class
-from fenics_ehd.base.described import Described, names_or_none
+from fenics_ehd.base.described import Described, Named, names_or_none
 from fenics_ehd.base.errors import BodyFileError, SettingsError, StructureError
 from fenics_ehd.base.files import Kind, write_whole
 from fenics_ehd.base.layout import Group, Value, read_declared
@@ -255,6 +255,8 @@ class ReducedBody(Described):
 
     def __post_init__(self) -> None:
         make_row_major(self)
+        for name in ("bores", "points"):
+            object.__setattr__(self, name, Named(getattr(self, name), f"body.{name}"))
 
     def described(self) -> Iterator[tuple[str, str]]:
         """Yield method, coordinates, frequencies, mass, bores and points."""

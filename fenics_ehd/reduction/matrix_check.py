@@ -364,7 +364,7 @@ def require_matrices(
     _check_minors(stiffness)
     motions = rigid_motions(stiffness, coordinates, digits)
     _check_definite(mass)
-    _check_masses(mass, coordinates, free=motions.free)
+    _check_density(mass, coordinates)
     return motions
 
 
@@ -461,28 +461,21 @@ def _check_order(stiffness: PETSc.Mat) -> None:
     )
 
 
-def _check_masses(mass: PETSc.Mat, coordinates: np.ndarray, *, free: bool) -> None:
-    """Refuse impossible densities, and masses of a free part that differ along x, y and z.
+def _check_density(mass: PETSc.Mat, coordinates: np.ndarray) -> None:
+    """Refuse impossible densities: other checks do not detect inconsistent units.
 
-    Other checks do not detect inconsistent units. The density is the mass over the volume of a box
-    around the nodes. Of a held part, degrees of freedom without rows may lack their masses.
+    The density is the mass along x over the volume of a box around the nodes.
     """
     comm = mass.comm.tompi4py()
-    along = rigid_fields(coordinates)[:, :3]
-    # One product: the motion along (1, 1, 1), whose momentum has the three masses as components.
-    masses = inner(along, multiply(mass, along.sum(axis=1)[:, None]), comm)[:, 0]
+    along = rigid_fields(coordinates)[:, :1]
+    total = inner(along, multiply(mass, along), comm)[0, 0]
     sides = np.ptp(np.vstack(comm.allgather(coordinates)), axis=0)
-    density = masses[0] / max(float(np.prod(sides)), 1e-300)
+    density = total / max(float(np.prod(sides)), 1e-300)
     require(
         not IMPOSSIBLE[0] < density < IMPOSSIBLE[1],
-        f"the part has a mass of {masses[0]:.3g} kg in a box of "
+        f"the part has a mass of {total:.3g} kg in a box of "
         f"{' x '.join(f'{side:.3g}' for side in sides)} m, {density:.1g} kg/m3, which is "
         "impossible: give coordinates in m, K in N/m and M in kg",
-    )
-    require(
-        not free or np.ptp(masses) <= SAME_MASS * masses.max(),
-        f"the masses along x, y and z are {masses[0]:.6g}, {masses[1]:.6g}, {masses[2]:.6g} kg, "
-        "but must be equal: entries of M are missing or damaged",
     )
 
 
@@ -635,7 +628,8 @@ def check_matrices(
     Raises
     ------
     StructureError
-        If the numbers of nodes differ, or see `require_matrices`.
+        If the numbers of nodes or the masses of a free part along x, y and z differ, or see
+        `require_matrices`.
     """
     try:
         points = np.asarray(coordinates, dtype=float)
@@ -658,7 +652,14 @@ def check_matrices(
     forces, terms = _forces(k, fields)
     defects = forces.max(axis=0) / terms.max(axis=0)
     along = fields[:, :3]
-    total = float(np.trace(along.T @ multiply(m, along))) / 3.0
+    masses = np.diag(along.T @ multiply(m, along))
+    # Of a held part, degrees of freedom without rows may lack their masses.
+    require(
+        not motions.free or np.ptp(masses) <= SAME_MASS * masses.max(),
+        f"the masses along x, y and z are {masses[0]:.6g}, {masses[1]:.6g}, {masses[2]:.6g} kg, "
+        "but must be equal: entries of M are missing or damaged",
+    )
+    total = float(masses.mean())
     centre = (along.T @ multiply(m, points.reshape(-1, 1))).ravel() / total
     traces = [matrix.getDiagonal().sum() for matrix in matrices]
     file = "" if digits else "the file's "

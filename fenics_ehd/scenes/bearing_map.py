@@ -158,7 +158,10 @@ def bearing_map(
         other settings; or a load is not above 0; or the film has no pressure at a speed.
     """
     require_class("settings", settings, BearingSettings, optional=True)
-    require_names("bearing_map", changes, attrs.fields_dict(BearingSettings))
+    names = [name for name in attrs.fields_dict(BearingSettings) if name != "speed"]
+    require_names("bearing_map", changes, names)
+    if eccentricity is not None:
+        require_number("eccentricity", eccentricity, least=0.0, below=1.0)
     every_load = [
         require_number("load", load, unit="N", above=0.0)
         for load in require_list("loads", loads, "loads [N]")

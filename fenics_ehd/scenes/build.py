@@ -26,8 +26,8 @@ import attrs
 import numpy as np
 from mpi4py import MPI
 
-from fenics_ehd.base.arguments import require_class
-from fenics_ehd.base.described import Described, Named
+from fenics_ehd.base.arguments import copied, require_class
+from fenics_ehd.base.described import Described, Named, unknown_name
 from fenics_ehd.base.progress import Progress, chosen_progress
 from fenics_ehd.film.grid import MeshMaker
 from fenics_ehd.multibody.bdf import IntegratorOptions
@@ -136,8 +136,14 @@ def build(
         A mesh, file, bore or reduction cannot be used or failed.
     """
     require_class("scene", scene, Scene)
+    known = copied(
+        "bodies", bodies or {}, lambda name, body: require_class(name, body, ReducedBody)
+    )
+    for name in known:
+        if name not in scene.bodies:
+            raise unknown_name("bodies", name, scene.bodies)
     shown = chosen_progress(progress)
-    inputs = read_inputs(scene, bodies or {})
+    inputs = read_inputs(scene, known)
     _require_period(scene, inputs)
     start = perf_counter()
     parts = _parts(scene, inputs, comm, announce, shown, cache=cache)

@@ -22,7 +22,7 @@ import attrs
 import numpy as np
 
 from fenics_ehd.base.arguments import require_class
-from fenics_ehd.base.described import Described, names_or_none
+from fenics_ehd.base.described import Described, Named, names_or_none
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import entries, section
 from fenics_ehd.base.files import MANIFEST, SCENE_NAME
@@ -134,7 +134,9 @@ class Scene(Described):
     def films(self) -> dict[str, schema.LubricatedSettings]:
         """Settings of the lubricated joints, by name."""
         lubricated = schema.LubricatedSettings
-        return {name: joint for name, joint in self.joints.items() if isinstance(joint, lubricated)}
+        joints = self.joints.items()
+        films = {name: joint for name, joint in joints if isinstance(joint, lubricated)}
+        return Named(films, "scene.films")
 
     def elastic_surfaces(self, joint: schema.LubricatedSettings) -> list[ElasticSurface]:
         """Surfaces of a joint that deform; an empty list if bore and journal are rigid."""

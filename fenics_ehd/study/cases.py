@@ -10,6 +10,7 @@ import csv
 import functools
 import io
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -471,7 +472,9 @@ def _cut(text: str) -> str:
 
 def _names_file(key: str, value: object) -> bool:
     """True if a value is the path of a file or of a run's folder, and no word such as ``hex``."""
-    return key.endswith(".snapshots") or Path(str(value)).suffix in FILES
+    return isinstance(value, str) and (
+        key.endswith(".snapshots") or os.path.splitext(value)[1] in FILES
+    )
 
 
 def described(value: object) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.needs import no_effect
 from fenics_ehd.scenes.scene import Scene
@@ -151,6 +152,7 @@ def axes_of_values(
     axes: list[Axis] = []
     like, _ = scene_values(scene)
     for name, entry in values.items():
+        require_class("name of a key in values", name, str)
         key = resolve_key(scene, name)
         _require_new(axes, key, repr(name))
         if isinstance(entry, str):

@@ -432,6 +432,9 @@ def sweep(
         raise SettingsError("keep = True needs a folder: give folder, or drop keep")
     if workers is not None:
         require_count("workers", workers, 1)
+    if folder is not None:
+        require_class("folder", folder, str, Path)
+    shown = chosen_progress(progress)
     start = _as_stored(scene)
     plan = _sweep_of(start, axes_of_values(start, values, zipped=zipped), Part())
     with ExitStack() as held:
@@ -446,5 +449,5 @@ def sweep(
         if executor is None:
             executor = held.enter_context(open_pool(workers))
             require_importable_main(executor)
-        rows = run_sweep(opened, executor, keep=keep, progress=progress)
+        rows = run_sweep(opened, executor, keep=keep, progress=shown)
         return CaseTable(opened.columns, rows)

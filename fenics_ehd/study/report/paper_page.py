@@ -48,15 +48,20 @@ COLUMNS = (
 )  # fmt: skip
 
 #: Headings of the table of a figure's runs.
-HEADS = ("run", "coordinates", "pressure", "rms", "film", "rms", "steps", "run", "reduction")
+HEADS = (
+    "run", "coordinates", "pressure", "rms", "film", "rms", "steps", "integration", "reduction",
+)  # fmt: skip
 
 #: Meaning of the columns of this table.
 NOTE = (
     "pressure, film: largest error of peak pressure over the reference's highest peak, and of "
     "minimum film thickness over the reference's; rms: root mean square of the error over that of "
-    "the reference's curve; run, reduction: processor time of the time integration and of the "
-    "reduced body"
+    "the reference's curve; integration, reduction: processor times of the time integration and "
+    "of the reduction of the body"
 )
+
+#: Headings of the table of statements.
+STATEMENT_HEADS = ("where", "statement", "we call it true if", "measured", "verdict")
 
 
 @dataclass(frozen=True)
@@ -286,12 +291,11 @@ def document(machines: Iterable[MachineResult], directory: Path) -> dict[str, An
 
 def statement_table(statements: Iterable[Judged]) -> Table:
     """Table of statements: section, statement, rule, measured values, verdict."""
-    heads = ("where", "statement", "we call it true if", "measured", "verdict")
     rows = (
         (s.section, s.text, s.rule, finding.measured, finding.verdict)
         for s, finding in ((each.statement, each.finding) for each in statements)
     )
-    return Table(heads, tuple(rows), len(heads))
+    return Table(STATEMENT_HEADS, tuple(rows), len(STATEMENT_HEADS))
 
 
 def all_statements(machines: Iterable[MachineResult]) -> list[Judged]:
