@@ -175,6 +175,9 @@ def test_parts_and_the_complete_sweep_agree_row_by_row(scene, table, complete, t
     for name in ("0001", "0002", "0003"):
         history = (complete / "runs" / name / "history.csv").read_bytes()
         assert (tmp_path / "merged" / "runs" / name / "history.csv").read_bytes() == history
+    # A later merge of some parts keeps the rows of the others.
+    assert not merge_sweeps([two], tmp_path / "merged").missing
+    assert rows_of(tmp_path / "merged") == rows
     # The merged folder is that of the sweep without parts, with nothing to run.
     pool, _ = sweep_inline(make_sweep(scene, table=table), tmp_path / "merged")
     assert pool.cases == []
