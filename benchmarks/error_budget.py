@@ -455,7 +455,11 @@ class References:
     def run(self, scene: ehd.Scene) -> tuple[Run, PeriodicSolver | None]:
         """At its start."""
         parts = {
-            name: repr((part, scene.film_element(name)))
+            name: json.dumps(
+                [scene.tables["bodies"][name], scene.film_element(name)],
+                default=str,
+                sort_keys=True,
+            )
             for name, part in scene.bodies.items()
             if isinstance(part, schema.FlexibleSettings)
         }

@@ -9,12 +9,12 @@ Errors that cancel by coincidence count:
 
 - The error of an extreme is the mean of this change and of the root mean square of the error curve
   near the extreme, as for peak pressures.
-- An orbit's part has an amplitude and a phase. The error of both is the mean of their own change
-  and of the distance in the complex plane, relative to the amplitude.
+- Amplitude and phase of an orbit's part are one complex number. The error of each is the mean of
+  its own change and of the change of this number, for the phase relative to the amplitude.
 - A quantity that acts over a part p of the cycle, such as the force of asperities, has a mean whose
   error may cancel within a short event. With the change d of the mean and the mean a of the
   absolute value of the error curve, the error of a mean is
-  ``|d| + max((1 - p) / 2, 1 - 2 p) (a - |d|)``: all of a for a short event, ``|d|`` for p = 1.
+  ``|d| + max((1 - p) / 2, 1 - 2 p) (a - |d|)``: nearly a for a short event, ``|d|`` for p = 1.
 
 The total is the sum of all components.
 """

@@ -117,7 +117,8 @@ def merge_sweeps(
 ) -> MergedSweep:
     """Merge the folders of the parts of a sweep into one folder.
 
-    If several folders have a case, the first one in which it is complete is used.
+    If several folders have a case, the first one in which it is complete is used. Rows that the
+    merged folder has from before are kept for cases that no part has.
 
     Parameters
     ----------
@@ -158,8 +159,11 @@ def merge_sweeps(
         claim(target, (*OWN, OUTCOMES), SweepFolder.command)
         if reason := "" if overwrite else difference(target / ABOUT, about):
             raise OtherFolderError(target / ABOUT, reason)
-        clear(target, (*OWN, OUTCOMES))
-        claim(target, (*OWN, OUTCOMES), SweepFolder.command)
+        if not overwrite and (target / TABLE).exists():
+            parts.append(PartFolder.read(target))  # rows of a former merge are kept
+        else:
+            clear(target, (*OWN, OUTCOMES))
+            claim(target, (*OWN, OUTCOMES), SweepFolder.command)
         return _write(target, parts, about)
 
 
@@ -192,7 +196,8 @@ def _write(target: Path, parts: Sequence[PartFolder], about: dict[str, Any]) -> 
                 sources[number] = part
     numbers = sorted(sources)
     for number in numbers:
-        _copy_run(sources[number].path, target, f"{number:04d}")
+        if sources[number].path != target:
+            _copy_run(sources[number].path, target, f"{number:04d}")
     names = {number: f"{number:04d}" for number in numbers}
     records = [
         sources[number].records[name]
