@@ -282,3 +282,39 @@ def test_mass_of_tetrahedra_is_that_of_rigid_motions_and_refuses_folded_cells():
         tetrahedron_mass(solid.points, solid.cells[:, :4], 1.0)
     with pytest.raises(ehd.errors.StructureError, match="cells refer to nodes 0 to"):
         tetrahedron_mass(solid.points[:-1], solid.cells, 1.0)
+
+
+@pytest.mark.parametrize("made", [sparse.coo_matrix, sparse.coo_array])
+def test_matrix_market_is_read_by_any_scipy(small, tmp_path, monkeypatch, made):
+    """Newer SciPy returns a sparse array, and warns unless `spmatrix` is given."""
+    io.mmwrite(tmp_path / "K.mtx", small[0], precision=17, symmetry="symmetric")
+    read = io.mmread
+    calls = []
+
+    def newer(source, *, spmatrix=True):
+        calls.append(spmatrix)
+        return made(read(source))
+
+    monkeypatch.setattr(io, "mmread", newer)
+    part = ehd.Structure(tmp_path / "K.mtx", small[1], ring_arguments()["coordinates"])
+    assert abs(to_scipy(part.stiffness) - small[0]).max() < 1e-15 * abs(small[0]).max()
+    assert calls == [False]
+
+
+def test_exponents_of_fortran_are_read(small, tmp_path):
+    """``1.5D+03`` in files of CalculiX, Abaqus and in Matrix Market form."""
+    numbers = np.arange(1, 1 + small[0].shape[0] // 3)
+    write_calculix(tmp_path / "m", small, numbers, np.arange(3 * len(numbers)))
+    files = write_abaqus(tmp_path, "labels", small, numbers)
+    io.mmwrite(tmp_path / "K.mtx", small[0], precision=17, symmetry="symmetric")
+    for file in (tmp_path / "m.sti", files[0], tmp_path / "K.mtx"):
+        text = file.read_text()
+        file.write_text(re.sub(r"(?<=\d)e(?=[+-]\d)", "D", text))
+        assert file.read_text() != text
+    part = ehd.Structure(tmp_path / "K.mtx", small[1], ring_arguments()["coordinates"])
+    for found in (
+        ehd.read_calculix(tmp_path / "m").stiffness,
+        ehd.read_abaqus(*files).stiffness,
+        to_scipy(part.stiffness),
+    ):
+        assert abs(found - small[0]).max() < 1e-14 * abs(small[0]).max()

@@ -219,7 +219,7 @@ def test_coordinates_may_be_those_of_this_rank_or_all(arguments):
 
 
 BAD = {
-    "type": ({"stiffness": np.eye(3)}, "stiffness is a ndarray: give a PETSc matrix"),
+    "type": ({"stiffness": [[1.0]]}, "stiffness is a list: give a PETSc matrix"),
     "rows": ({"stiffness": sparse.eye(10)}, "stiffness has 10 rows, not 3 for every node"),
     "mass": ({"mass": sparse.eye(30)}, "mass has 30 rows, but the stiffness matrix has 216"),
     "complex": ({"mass": 1j * sparse.eye(216)}, "mass has complex numbers"),

@@ -58,7 +58,7 @@ def test_the_kernel_of_the_page_runs_its_cells(tmp_path, monkeypatch):
         assert "<table>" in table[-1]["data"]["text/html"]
     assert re.fullmatch(r"sweep: \d+ s", sweep[0]["data"]["text/plain"])
     assert "2 cases, 2 complete" in sweep[-1]["data"]["text/plain"]
-    assert "3.0e-05" in columns[0]["data"]["text/plain"]
+    assert "0.008" in columns[0]["data"]["text/plain"]
     progress = run[0]["data"]["text/plain"]
     assert re.fullmatch(r"simulation: \d+ s", progress), progress
     assert len(run) == 2  # a single output was updated

@@ -93,6 +93,22 @@ def in_g_set(matrix):
     return (wide @ matrix @ wide.T).tocsr()
 
 
+def test_strings_that_state_the_words_of_their_column_are_read(ring, tmp_path):
+    """Form of pyNastran 1.4.1."""
+    text = op4_text("KGG", ring[0][:6, :6].tocsr())
+    lines = []
+    for line in text.splitlines():
+        numbers = line.split()
+        if len(numbers) == 3 and numbers[1] == "0":
+            stated = int(numbers[2])
+        if len(line) == 12:
+            line = f"{65536 * stated + int(line) % 65536:12d}"
+        lines.append(line)
+    (tmp_path / "k.op4").write_text("\n".join(lines) + "\n")
+    found = read_op4_matrices(tmp_path / "k.op4")["KGG"]
+    np.testing.assert_array_equal(found.toarray(), ring[0][:6, :6].toarray())
+
+
 @pytest.mark.parametrize("form", ["strings", "bigmat", "<4", ">4", "<8", ">8"])
 @pytest.mark.parametrize("rotations", [False, True])
 def test_the_ring_from_output4(ring, form, rotations, tmp_path):
@@ -381,8 +397,8 @@ def test_a_wrong_order_is_refused(ring, change):
 @pytest.mark.parametrize(
     ("length", "force", "notice"),
     [
-        (1e3, 1e-3, "elastic waves of"),
-        (1.0, 1e-3, "multiply K and"),
+        (1e3, 1e-3, "multiply coordinates by 0.001, K and M by 1000"),
+        (1.0, 1e-3, "multiply K and M by 1000 (N, mm and t)"),
     ],
 )
 def test_units_that_do_not_belong_together_are_noticed(ring, length, force, notice):
@@ -390,6 +406,25 @@ def test_units_that_do_not_belong_together_are_noticed(ring, length, force, noti
     (line,) = check.notices
     assert notice in line
     assert f"notice: {line}" in str(check)
+
+
+@pytest.mark.parametrize(
+    ("force", "mass", "notice"),
+    [
+        (1.0, 1e-3, "multiply M by 1000 (t)"),
+        (1e-3, 1.0, "multiply K by 1000 (N/mm)"),
+        (1.0, 1e3, "multiply M by 0.001 (g)"),
+        (1e9, 1.0, "give coordinates in m, K in N/m, M in kg"),
+    ],
+)
+def test_the_conversion_of_one_wrong_unit_is_named(ring, force, mass, notice):
+    (line,) = check_matrices(force * ring[0], mass * ring[1], ring[2]).notices
+    assert line.endswith(notice)
+
+
+def test_dense_arrays_are_matrices(ring):
+    check = check_matrices(ring[0].toarray(), ring[1].toarray(), ring[2])
+    assert str(check) == str(check_matrices(*ring))
 
 
 def test_impossible_units_are_refused(ring):

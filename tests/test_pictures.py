@@ -19,6 +19,7 @@ from fenics_ehd.base.columns import Quantity
 from fenics_ehd.multibody.cycle import angle_name
 from fenics_ehd.plotting import maps as bores
 from fenics_ehd.plotting import shown
+from fenics_ehd.plotting.curves import emptiest_direction
 from fenics_ehd.plotting.picture import ENDINGS, kind_of, plt, save
 from fenics_ehd.plotting.pictures import OF_EVERY_RUN, QUANTITIES, Pictures, plot_run
 from fenics_ehd.plotting.shown import TIME, ShownJoint, ShownRun
@@ -313,6 +314,22 @@ def test_a_marked_extreme_is_that_of_the_summary():
     (axes,) = drawn("max_pressure", one, joint(figures={"big_end": found}), difference=True)
     (mark,) = (line for line in axes.lines if line.get_marker() == "o")
     assert mark.get_ydata() == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("height", "text"), [(4e-16, "z = 0 mm"), (-1.2345, "z = -1.23 mm"), (-1e-9, "z = 0 mm")]
+)
+def test_a_height_is_rounded_to_the_width_of_the_bore(height, text):
+    heights = np.linspace(-10.0, 10.0, 5)
+    raster = bores.Raster(np.eye(5), 45.0 * np.arange(5), heights, "", (1.0, 90.0, height))
+    figure = bores.draw_rasters([[raster]], "pressure [MPa]", "YlOrRd")
+    assert figure.axes[0].get_title(loc="right").endswith(f"at 90°, {text}")
+    plt.close(figure)
+
+
+def test_circles_are_labelled_away_from_the_curves():
+    arc = 0.7 * np.exp(1j * np.radians(np.linspace(-130.0, 170.0, 60)))
+    assert emptiest_direction([arc], 1.0) == 202.5
 
 
 def test_angles_of_diagrams_are_from_minus_180_to_180_degrees():

@@ -93,13 +93,8 @@ def test_logs_have_lines_only_of_long_work_and_ranks_but_the_first_none(clock, m
     assert shown_progress(logs=True) is SILENT
 
 
-def test_a_line_of_a_terminal_is_rewritten_and_removed(tmp_path):
-    """The terminal is a real one; the cursor stays at the start of the line."""
-    code = (
-        "from fenics_ehd.base.progress import shown_progress\n"
-        "with shown_progress().stage('solves', 2) as stage:\n"
-        "    stage.to(1)\n"
-    )
+def in_terminal(code):
+    """Standard error of a program whose standard error is a real terminal."""
     try:
         master, terminal = pty.openpty()
     except OSError as error:
@@ -109,7 +104,31 @@ def test_a_line_of_a_terminal_is_rewritten_and_removed(tmp_path):
     os.close(terminal)
     text = os.read(master, 4096).decode()
     os.close(master)
+    return text
+
+
+def test_a_line_of_a_terminal_is_rewritten_and_removed():
+    """The cursor stays at the start of the line."""
+    text = in_terminal(
+        "from fenics_ehd.base.progress import shown_progress\n"
+        "with shown_progress().stage('solves', 2) as stage:\n"
+        "    stage.to(1)\n"
+    )
     assert text == f"solves: 0 %, 0 of 2\r{' ' * 19}\r"
+
+
+def test_a_warning_replaces_a_line_of_progress():
+    """Nothing of a longer line remains behind a warning."""
+    text = in_terminal(
+        "from fenics_ehd.base.progress import shown_progress\n"
+        "from fenics_ehd.cli.options import warn_of\n"
+        "with shown_progress().stage('a long name of a stage', 2) as stage:\n"
+        "    warn_of(['low'])\n"
+    )
+    line, warning, _ = re.split("\r\n?", text, maxsplit=2)
+    assert line == "a long name of a stage: 0 %, 0 of 2"
+    assert warning.rstrip() == "fenics-ehd: warning: low"
+    assert len(warning) > len(line)
 
 
 def test_a_note_is_made_only_for_a_line_that_is_shown():

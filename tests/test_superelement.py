@@ -135,6 +135,22 @@ def test_files_are_read_back(rod, files):
         read_dmig(files[1])
 
 
+def test_exponents_of_three_digits_do_not_overflow_their_fields(rod, tmp_path, monkeypatch):
+    element = superelement(rod)
+    element.stiffness[:3, 3] = element.stiffness[3, :3] = [-3e-120, 2.5e-310, -1.5e-99]
+    point = replace(element.grid_points[0], position=np.array([-1e-200, 0.0, 1e-3]))
+    element = replace(element, grid_points=(point, *element.grid_points[1:]))
+    monkeypatch.setattr("fenics_ehd.reduction.superelement.superelement", lambda _: element)
+    found = read_op4_matrices(export_op4(rod, tmp_path / "rod.op4"))["KAA"].toarray()
+    np.testing.assert_array_equal(found[:3, 3], [0.0, 0.0, -1.5e-99])
+    element.stiffness[:2, 3] = element.stiffness[3, :2] = 0.0
+    np.testing.assert_array_equal(found, element.stiffness)
+    lines = export_dmig(rod, tmp_path / "rod.dmig").read_text().splitlines()
+    assert max(len(line) for line in lines if line[0] != "$") <= 72
+    (value,) = [line for line in lines if "E-99" in line]
+    assert value.endswith("-1.500000000E-99")
+
+
 def test_pynastran_reads_the_same_from_both_files(rod, figure):
     """Stored figures of an independent reader, against the matrices as they are now."""
     element = superelement(rod)

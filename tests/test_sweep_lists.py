@@ -223,7 +223,7 @@ def test_a_sweep_in_python_is_a_table(scene, complete, tmp_path):
     table.write(tmp_path / "table.csv")
     written = (tmp_path / "table.csv").read_bytes()
     assert written == (tmp_path / "out" / "sweep.csv").read_bytes()
-    with pytest.raises(KeyError, match="clearence"):
+    with pytest.raises(KeyError, match=r"clearence.*did you mean joints\.big_end\.clearance"):
         _ = table["clearence"]
     assert "3 cases, 3 complete" in repr(table)
 

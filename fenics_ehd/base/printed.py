@@ -73,11 +73,12 @@ MOST_NEAR = 3
 def near_names(known: Iterable[str], name: str) -> list[str]:
     """Known names that are similar to an unknown one, at most `MOST_NEAR`.
 
-    They have the same last word, or contain the name, or have a similar spelling.
+    They have the same last word, or contain the name, or have a similar spelling or last word.
     """
     names = list(known)
     same = [each for each in names if name and (_word(each) == _word(name) or name in each)]
-    return list(dict.fromkeys([*same, *difflib.get_close_matches(name, names)]))[:MOST_NEAR]
+    spelled = difflib.get_close_matches(name, names) or _similar(names, _word(name))
+    return list(dict.fromkeys([*same, *spelled]))[:MOST_NEAR]
 
 
 def _similar(keys: list[str], word: str) -> list[str]:

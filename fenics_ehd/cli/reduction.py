@@ -9,6 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import attrs
 import numpy as np
 from mpi4py import MPI
 
@@ -67,7 +68,7 @@ def reduce_part(
     settings = machine.bodies[name]
     _require_coordinates(exports, settings.reduction.method)
     warn_of(unusual(settings, key))
-    require_alike("part, or settings of it,", repr((settings, bool(basis_path))))
+    require_alike("part, or settings of it,", repr((attrs.asdict(settings), bool(basis_path))))
     element = machine.film_element(name)
     edges = machine.film_edges(name)
     comm = MPI.COMM_WORLD

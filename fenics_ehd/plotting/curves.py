@@ -411,13 +411,13 @@ class Paths:
         angles = np.arange(0, 360, 45)
         axes.set_thetagrids(angles, [f"{(angle + 179) % 360 - 179}°" for angle in angles])
         axes.yaxis.set_major_locator(MaxNLocator(RINGS, steps=[1, 2, 2.5, 5, 10], prune="lower"))
-        axes.set_rlabel_position(_emptiest([vector for _, vector in curves], largest))
+        axes.set_rlabel_position(emptiest_direction([vector for _, vector in curves], largest))
         axes.tick_params(axis="y", labelsize=8, labelcolor="0.3")
         axes.set_xlabel(f"{self.label},\nangles from the x axis of the bore's body")
         legend(axes, loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=2, frameon=False)
 
 
-def _emptiest(vectors: Sequence[np.ndarray], largest: float) -> float:
+def emptiest_direction(vectors: Sequence[np.ndarray], largest: float) -> float:
     """Direction between two spokes of a polar diagram that is farthest from all curves [degrees].
 
     `vectors` are the curves, shape (t,) each; `largest` is the radius of the diagram.

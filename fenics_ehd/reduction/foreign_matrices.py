@@ -27,8 +27,6 @@ command's description, without a test on a file from Ansys).
 
 CalculiX integrates the mass of 10-node tetrahedra with too few points; `tetrahedron_mass` computes
 it exactly.
-
-Imports inside functions: scipy.io is needed only for files of Ansys.
 """
 
 from __future__ import annotations
@@ -47,7 +45,7 @@ from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
-from fenics_ehd.reduction.matrices import reorder, require_matrix_market
+from fenics_ehd.reduction.matrices import read_matrix_market, reorder
 from fenics_ehd.reduction.matrix_check import MatrixCheck, check_matrices, decimal_digits
 
 #: Diagonal entry of K over their median above which the degree of freedom counts as held by a
@@ -218,8 +216,6 @@ def read_ansys(
         If a file cannot be read, or if the files do not fit each other: held displacements have no
         equations, so that an array of node numbers is not enough for a part that is held.
     """
-    from scipy import io
-
     for name, path in (("stiffness", stiffness), ("mass", mass), ("mapping", mapping)):
         require_class(name, path, str, Path)
     labels = _ansys_labels(Path(mapping))
@@ -228,8 +224,7 @@ def read_ansys(
     for file in files:
         with named(StructureError, str(file)):
             require_file(file)
-            require_matrix_market(file)
-            matrix = sparse.coo_matrix(io.mmread(file))
+            matrix = sparse.coo_matrix(read_matrix_market(file))
         if matrix.shape != (len(labels), len(labels)):
             raise StructureError(
                 f"{mapping} names the nodes of {len(labels)} equations, but {file} has the shape "
@@ -251,13 +246,11 @@ def _ansys_labels(file: Path) -> np.ndarray:
     StructureError
         If the file cannot be read, or has other directions than displacements.
     """
-    from scipy import io
-
     with named(StructureError, str(file)):
         require_file(file)
         text = file.read_text(encoding="ascii", errors="replace")
         if text[:14].lower() == "%%matrixmarket":
-            nodes = np.asarray(io.mmread(file)).ravel()
+            nodes = np.asarray(read_matrix_market(file)).ravel()
             return np.column_stack([np.repeat(nodes, 3), np.tile([0, 1, 2], len(nodes))])
         lines = re.findall(r"^\s*(\d+)\s+(\d+)\s+([A-Z]+)\s*$", text, re.M | re.I)
         if not lines:
@@ -279,6 +272,8 @@ def _ansys_labels(file: Path) -> np.ndarray:
 def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) -> np.ndarray:
     """Read a text file of numbers, whose lines all have the same number of columns.
 
+    Exponents of Fortran are accepted (``1.5D+03``), if the first line has one.
+
     Raises
     ------
     StructureError
@@ -292,7 +287,10 @@ def _table(file: Path, widths: tuple[int, ...], separator: str | None = None) ->
         if not first:
             raise StructureError(f"{file} is empty")
         separator = "," if "," in first else separator
-        table = np.loadtxt(file, delimiter=separator, comments="**", ndmin=2)
+        with open(file, encoding="ascii") as lines:
+            text = (line.replace("D", "e").replace("d", "e") for line in lines)
+            source = text if re.search(r"\d\.?[dD][+-]?\d", first) else lines
+            table = np.loadtxt(source, delimiter=separator, comments="**", ndmin=2)
     if table.shape[1] not in widths:
         wanted = " or ".join(map(str, widths))
         raise StructureError(f"{file} has lines of {table.shape[1]} numbers, not {wanted}")

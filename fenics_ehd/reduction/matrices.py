@@ -5,13 +5,14 @@ An error on one rank is raised on all ranks. "Columns" are tall arrays with a ro
 of freedom; each rank has the rows that it owns. If the mass matrices along x, y and z are equal,
 products use only the entries for x.
 
-Imports inside functions: scipy.io and gzip are needed only for files in their formats.
+Imports inside functions: scipy.io, gzip and inspect are needed only for files in their formats.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -145,13 +146,13 @@ def as_matrix(
     Parameters
     ----------
     source
-        A PETSc matrix, which is returned unchanged if its format is AIJ; a SciPy sparse matrix,
-        the same on every rank; or the path of a file. Files are Matrix Market (``.mtx``,
-        ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``), PETSc binary (``.dat``,
-        ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or ``file.h5:/group`` for a group). An
-        HDF5 file has the CSR arrays ``data``, ``indices`` and ``indptr`` as datasets, and
-        ``shape`` as a dataset or attribute. Each rank reads only its own rows from PETSc and HDF5
-        files; from other files, each rank reads all rows.
+        A PETSc matrix, which is returned unchanged if its format is AIJ; a SciPy sparse matrix or a
+        NumPy array of two dimensions, the same on every rank; or the path of a file. Files are
+        Matrix Market (``.mtx``, ``.mtx.gz``, also with one triangle stored), SciPy (``.npz``),
+        PETSc binary (``.dat``, ``.bin``, ``.petsc``) or HDF5 (``.h5``, ``.hdf5``, or
+        ``file.h5:/group`` for a group). An HDF5 file has the CSR arrays ``data``, ``indices`` and
+        ``indptr`` as datasets, and ``shape`` as a dataset or attribute. Each rank reads only its
+        own rows from PETSc and HDF5 files; from other files, each rank reads all rows.
     comm
         Communicator of the ranks that share the rows; a PETSc matrix keeps its own.
     name
@@ -174,6 +175,8 @@ def as_matrix(
     if isinstance(source, PETSc.Mat):
         owned_range(source.size[0], source.comm.tompi4py(), name, rows, source.local_size[0])
         return source if source.getType() in ("seqaij", "mpiaij") else _converted(source, name)
+    if isinstance(source, np.ndarray) and source.ndim == 2 and source.dtype.kind in "iufc":
+        source = sparse.csr_matrix(source)
     if hasattr(source, "tocsr"):
         shape, read = _in_memory(source.tocsr())
     elif isinstance(source, str | Path):
@@ -252,15 +255,12 @@ def _open(path: str) -> Opened:
         return _in_binary(path)
     if not re.search(r"\.(mtx|mtx\.gz|npz)$", path, re.IGNORECASE):
         raise ValueError(f"the name of the file ends in none of {FILE_TYPES}")
-    from scipy import io
-
     # Newer SciPy would report a missing file as one that is not Matrix Market.
     Path(path).stat()
-    npz = path.lower().endswith(".npz")
-    if not npz:
-        require_matrix_market(path)
-    matrix = sparse.load_npz(path) if npz else io.mmread(path)
-    if npz and matrix.format in ("csr", "csc", "bsr"):
+    if not path.lower().endswith(".npz"):
+        return _in_memory(sparse.csr_matrix(read_matrix_market(path)))
+    matrix = sparse.load_npz(path)
+    if matrix.format in ("csr", "csc", "bsr"):
         # With wrong indices, SciPy would read and write beyond its arrays.
         matrix.check_format(full_check=True)
     return _in_memory(sparse.csr_matrix(matrix))
@@ -284,22 +284,41 @@ def csr_layout(rows: str, entries: str = "entries") -> Group:
     )
 
 
-def require_matrix_market(path: str | Path) -> None:
-    """Refuse a file that is not in Matrix Market form, for which SciPy's message would be obscure.
+def read_matrix_market(path: str | Path) -> Any:
+    """Read a Matrix Market file: a sparse matrix or sparse array of SciPy, or a NumPy array.
+
+    Exponents of Fortran (``1.5D+03``) are accepted, which SciPy does not read.
+    SciPy 1.15 to 1.19 return a sparse matrix by default, later versions a sparse array,
+    earlier versions only a matrix. Callers convert what they get.
 
     Raises
     ------
     ValueError
-        If the file does not begin with ``%%MatrixMarket``.
+        If the file does not begin with ``%%MatrixMarket``: SciPy's message would be obscure.
     """
     import gzip
+    import inspect
 
-    with gzip.open(path) if str(path).lower().endswith(".gz") else open(path, "rb") as file:
+    from scipy import io
+
+    opened: Callable[..., Any] = gzip.open if str(path).lower().endswith(".gz") else open
+    with opened(path, "rb") as file:
         if not file.read(14).lower().startswith(b"%%matrixmarket"):
             raise ValueError(
                 "the file does not begin with %%MatrixMarket: read a matrix of Abaqus by "
                 "read_abaqus"
             )
+    known = "spmatrix" in inspect.signature(io.mmread).parameters
+    options = {"spmatrix": False} if known else {}
+    try:
+        return io.mmread(path, **options)
+    except ValueError:
+        with opened(path, "rb") as file:
+            text = file.read()
+        changed = re.sub(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
+        if changed == text:
+            raise
+        return io.mmread(BytesIO(changed), **options)
 
 
 def _in_hdf5(path: str, group: str) -> Opened:

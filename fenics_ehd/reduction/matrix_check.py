@@ -126,6 +126,16 @@ SPEEDS = (400.0, 40e3)
 #: Densities in the convex hull of a part [kg/m^3]: from a thin frame of magnesium to tungsten.
 DENSITIES = (30.0, 20e3)
 
+#: Conversions from usual mixtures of units: factors of coordinates, K and M, and their text.
+_CONVERSIONS = (
+    (1.0, 1e3, 1e3, "multiply K and M by 1000 (N, mm and t)"),
+    (1.0, 1.0, 1e3, "multiply M by 1000 (t)"),
+    (1.0, 1e3, 1.0, "multiply K by 1000 (N/mm)"),
+    (1.0, 1.0, 1e-3, "multiply M by 0.001 (g)"),
+    (1e-3, 1e3, 1e3, "multiply coordinates by 0.001, K and M by 1000 (N, mm and t)"),
+    (1e-3, 1.0, 1.0, "multiply coordinates by 0.001 (mm)"),
+)
+
 #: What to do about coordinates and rows of K in different orders.
 _ORDER = "coordinates and rows of K are not in the same order of nodes, or of x, y, z"
 
@@ -413,7 +423,8 @@ def _check_symmetric(matrix: PETSc.Mat, name: str) -> None:
     require(
         defect <= SYMMETRY_TOLERANCE,
         f"{name} is not symmetric: relative defect {defect:.1e}, limit "
-        f"{SYMMETRY_TOLERANCE:.0e}; both triangles must be given, with the same digits",
+        f"{SYMMETRY_TOLERANCE:.0e}; both triangles must be given, with the same digits (from one "
+        "triangle A: A + A.T - scipy.sparse.diags(A.diagonal()))",
     )
 
 
@@ -572,18 +583,26 @@ class MatrixCheck(Described):
                 "M with all digits; for K that was rotated or converted after reading, state the "
                 "digits of its file, digits=10"
             )
-        if not SPEEDS[0] <= self.wave_speed <= SPEEDS[1]:
-            lines.append(
-                f"elastic waves of {self.wave_speed:.3g} m/s are outside "
-                f"{SPEEDS[0]:g} to {SPEEDS[1]:g}: give coordinates in m, K in N/m, M in kg"
+        wrong = [
+            f"{text} {value:.3g} {unit}, outside {limits[0]:g} to {limits[1]:g}"
+            for text, value, unit, limits in (
+                ("elastic waves of", self.wave_speed, "m/s", SPEEDS),
+                ("a mean density of", self.density, "kg/m^3", DENSITIES),
             )
-        elif not DENSITIES[0] <= self.density <= DENSITIES[1]:
-            lines.append(
-                f"a mean density of {self.density:.3g} kg/m^3 is outside "
-                f"{DENSITIES[0]:g} to {DENSITIES[1]:g}: of matrices in N, mm and t, "
-                "multiply K and M by 1000"
-            )
+            if not limits[0] <= value <= limits[1]
+        ]
+        if wrong:
+            lines.append(f"{' and '.join(wrong)}: {self._conversion()}")
         return lines
+
+    def _conversion(self) -> str:
+        """Text of the conversion to SI units that makes wave speed and density usual."""
+        for length, force, mass, text in _CONVERSIONS:
+            speed = length * (force / mass) ** 0.5 * self.wave_speed
+            density = mass / length**3 * self.density
+            if SPEEDS[0] <= speed <= SPEEDS[1] and DENSITIES[0] <= density <= DENSITIES[1]:
+                return f"SI units follow if you {text}"
+        return "give coordinates in m, K in N/m, M in kg"
 
     def __str__(self) -> str:
         x, y, z = self.centre
@@ -593,8 +612,8 @@ class MatrixCheck(Described):
             f"centre ({x:.6g}, {y:.6g}, {z:.6g}) m",
             f"elastic forces in translations {self.translation_defect:.1e}, in rotations "
             f"{self.rotation_defect:.1e} of their terms",
-            f"elastic waves {self.wave_speed:.0f} m/s, density in the convex hull "
-            f"{self.density:.0f} kg/m^3",
+            f"elastic waves {self.wave_speed:.4g} m/s, density in the convex hull "
+            f"{self.density:.4g} kg/m^3",
         ]
         if self.digits:
             defect = max(self.translation_defect, self.rotation_defect)

@@ -318,7 +318,7 @@ def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Co
     ValueError
         If the file ends within the matrix, or if a column has more or fewer values than stated.
     """
-    column = row = words = 0
+    column = row = words = stated = 0
     values: list[float] = []
     for line in lines:
         if "." in line:
@@ -328,8 +328,10 @@ def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Co
             values += [real_number(cut[i : i + width].strip()) for i in range(0, len(cut), width)]
             continue
         if values:
-            # Some programs count the words of a text file, some its values.
-            if words not in (len(values), _WORDS[head.kind] * len(values)):
+            # Some programs count the words of a text file, some its values; pyNastran states the
+            # count of the whole column for each of its strings.
+            known = (len(values), _WORDS[head.kind] * len(values))
+            if words not in known and words not in (stated, stated - 1):
                 raise ValueError(
                     f"column {column} of {head.name} has {len(values)} values from row {row}, but "
                     f"{words} words are announced"
@@ -344,6 +346,7 @@ def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Co
         integers = [int(field) for field in fields]
         if len(integers) == 3:
             column, row, words = integers
+            stated = 0 if row else words
         elif len(integers) == 2 and head.bigmat:
             words = integers[0] - 1
             row = integers[1]

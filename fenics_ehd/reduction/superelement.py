@@ -46,6 +46,10 @@ FIRST_MODE = 1001
 #: Values in a line of a text file of OUTPUT4, with 16 digits.
 OP4_LINE = 3
 
+#: Magnitude below which a value is written as zero. A field holds exponents of two digits, readers
+#: differ in three, and entries of K in N/m and M in kg are round-off long before.
+SMALLEST = 1e-99
+
 #: Names of the matrices in an OUTPUT4 file: stiffness, mass, displacements of the bores' nodes.
 OP4_NAMES = ("KAA", "MAA", "UBORE")
 
@@ -250,7 +254,7 @@ def _op4_lines(name: str, matrix: np.ndarray, form: int) -> Iterator[str]:
     """Lines of a matrix in a text file of OUTPUT4, in double precision and with full columns."""
     rows, columns = matrix.shape
     yield f"{columns:8d}{rows:8d}{form:8d}{2:8d}{name:<8s}1P,{OP4_LINE}E23.16"
-    for number, column in enumerate(matrix.T, start=1):
+    for number, column in enumerate(_storable(matrix).T, start=1):
         filled = np.flatnonzero(column)
         if len(filled):
             values = column[filled[0] : filled[-1] + 1]
@@ -258,6 +262,11 @@ def _op4_lines(name: str, matrix: np.ndarray, form: int) -> Iterator[str]:
             yield from _value_lines(values)
     yield f"{columns + 1:8d}{1:8d}{2:8d}"
     yield from _value_lines(np.ones(1))
+
+
+def _storable(values: np.ndarray) -> np.ndarray:
+    """Values with zeros in place of those below `SMALLEST`, which would overflow their fields."""
+    return np.where(np.abs(values) < SMALLEST, 0.0, values)
 
 
 def _value_lines(values: np.ndarray) -> Iterator[str]:
@@ -293,7 +302,7 @@ def _dmig_lines(element: Superelement) -> Iterator[str]:
     """Lines of bulk data of a superelement."""
     yield f"{DMIG_HEAD}: N, m, kg; case control: K2GG = KAAX, M2GG = MAAX"
     for number, point in enumerate(element.grid_points, start=1):
-        x, y, z = (_field(value) for value in point.position)
+        x, y, z = (_field(value) for value in _storable(point.position))
         yield f"$ {point.name}: components 1 to {point.components}"
         yield f"{'GRID*':<8s}{number:16d}{'':16s}{x}{y}"
         # A boundary point has no rotations: they are constrained on its card.
@@ -304,7 +313,8 @@ def _dmig_lines(element: Superelement) -> Iterator[str]:
         first = FIRST_MODE
         yield f"{'SPOINT':<8s}{first:8d}{'THRU':<8s}{first + modes - 1:8d}"
     rows = list(element.rows)
-    for name, matrix in zip(DMIG_NAMES, (element.stiffness, element.mass), strict=True):
+    matrices = [_storable(matrix) for matrix in (element.stiffness, element.mass)]
+    for name, matrix in zip(DMIG_NAMES, matrices, strict=True):
         # Symmetric (6), real double precision (2).
         yield f"{'DMIG':<8s}{name:<8s}{0:8d}{6:8d}{2:8d}{0:8d}{'':16s}{len(rows):8d}"
         for column, (number, component) in enumerate(rows):

@@ -112,4 +112,5 @@ class CaseTable(Described):
         """Yield numbers of cases, and the range of every column."""
         yield "Sweep", f"{len(self)} cases, {int(self.complete.sum()) if self.rows else 0} complete"
         for name in self.names[1:] if self.rows else ():
-            yield name, value_text(self[name])
+            if any(row[name] is not None for row in self.rows):
+                yield name, value_text(self[name])

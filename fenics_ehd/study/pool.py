@@ -145,7 +145,8 @@ def require_importable_main(pool: ProcessPool) -> None:
     except BrokenExecutor:
         raise SettingsError(
             "a worker process ended at its start: a script must call ehd.sweep under "
-            "if __name__ == '__main__':, because the processes import the script"
+            "if __name__ == '__main__':, because the processes import the script; a script from "
+            "standard input must be written to a file"
         ) from None
 
 
