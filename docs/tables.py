@@ -178,7 +178,7 @@ WRITERS = {
 }
 
 TABLE = re.compile(
-    rf"^<!-- ({'|'.join(WRITERS)})(?: (.*?))? -->\n.*?^<!-- end -->$", re.MULTILINE | re.DOTALL
+    rf"^<!-- ({'|'.join(WRITERS)})(?: ([^\n]*?))? -->\n.*?^<!-- end -->$", re.MULTILINE | re.DOTALL
 )
 
 

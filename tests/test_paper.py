@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -279,3 +280,11 @@ def test_a_run_that_failed_has_its_status_in_the_table(tmp_path):
     result = paper_page.FigureResult(figure, bearing(directory=tmp_path).study, (failed,), ())
     assert result.failed == {"m1-22": "failed: StepSizeError: 1e-13 s"}
     assert result.table().rows[0][0] == "M1: failed: StepSizeError: 1e-13 s"
+
+
+@pytest.mark.parametrize("scene", paper_page.STATEMENTS)
+def test_the_page_of_the_documentation_has_every_statement(scene):
+    page = (Path(__file__).parents[1] / "docs" / "paper.md").read_text()
+    for statement in paper_page.STATEMENTS[scene]:
+        row = f"| {statement.section} | {statement.text} | {statement.rule} |"
+        assert page.count(row) == 1

@@ -19,7 +19,7 @@ from fenics_ehd.base.errors import InputError
 from fenics_ehd.base.files import claim, require_writable, to_json, write_whole
 from fenics_ehd.plotting.picture import SETTINGS, plt, save_in_formats
 from fenics_ehd.study.cases import finite, write_table
-from fenics_ehd.study.paper import ROTOR, SLIDER_CRANK, PaperFigure, figures_of
+from fenics_ehd.study.paper import OWN_ERROR, ROTOR, SLIDER_CRANK, PaperFigure, figures_of
 from fenics_ehd.study.plan import REFERENCE
 from fenics_ehd.study.report import paper_rotor, paper_slider_crank
 from fenics_ehd.study.report.figures import family
@@ -168,7 +168,8 @@ def _value(value: Any) -> Any:
 
 def _cells(row: StudyRow) -> tuple[str, ...]:
     """Texts of a run's row in the table of its figure."""
-    name = f"reference, {family(row)}" if row["run"] == REFERENCE else family(row)
+    prefixes = {REFERENCE: "reference, ", OWN_ERROR: "coarser steps, "}
+    name = prefixes.get(row["run"], "") + family(row)
     if not row.complete:
         return (f"{name}: {row['status']}", *[""] * (len(HEADS) - 1))
     errors = []
