@@ -249,7 +249,8 @@ class RotorMap(Described):
 
     def described(self) -> Iterator[tuple[str, str]]:
         """Yield speeds, stability limits and critical speeds with their scatter, and notices."""
-        low, high = abs(self.points[0].speed), abs(self.points[-1].speed)
+        low = abs(self.points[0].speed)
+        high = abs(self.points[-1].speed)
         span = f"{low:.5g} to {high:.5g} rad/s ({RPM * low:.0f} to {RPM * high:.0f} 1/min)"
         yield "RotorMap", f"{len(self.points)} speeds, {span}, {len(self.tracks)} modes"
         if self.failures:

@@ -143,7 +143,8 @@ def time_grows(joint: JointData) -> Finding:
     if len(sizes) < 3:
         raise MissingRunsError("M1, M2 and M3 with three numbers of coordinates")
     order, _ = stats.spearmanr([r["coordinates"] for r in runs], [r["online_s"] for r in runs])
-    small, large = min(sizes), max(sizes)
+    small = min(sizes)
+    large = max(sizes)
     times = [
         np.mean([r["online_s"] for r in runs if r["coordinates"] == n]) for n in (small, large)
     ]

@@ -36,8 +36,12 @@ from fenics_ehd.study.report.write import bounded
 
 T = TypeVar("T")
 
-HOLDS, FAILS, PARTLY = "holds", "does not hold", "holds in part"
-OPEN, NOT_RUN = "undecided", "not run"
+#: Verdicts on a statement.
+HOLDS = "holds"
+FAILS = "does not hold"
+PARTLY = "holds in part"
+OPEN = "undecided"
+NOT_RUN = "not run"
 
 #: Verdicts with their meanings.
 MEANINGS = {
@@ -260,7 +264,8 @@ def _may_have(row: StudyRow, coordinates: float) -> bool:
     modes = row["vibration_modes"] + residual
     if not math.isfinite(modes):
         return True
-    least, most = (1 - EQUAL_COORDINATES) * coordinates, (1 + EQUAL_COORDINATES) * coordinates
+    least = (1 - EQUAL_COORDINATES) * coordinates
+    most = (1 + EQUAL_COORDINATES) * coordinates
     return bool(modes <= most and modes + RIGID_MOTION >= least)
 
 
