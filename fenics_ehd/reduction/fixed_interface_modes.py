@@ -184,7 +184,7 @@ def boundary_basis(
     structure = reductor.structure
     points = reductor.points
     columns = np.asfortranarray(np.hstack([modes, constraint_modes]))
-    stiffness, mass = gram_matrices(reductor.static, columns)
+    stiffness, mass = gram_matrices(reductor, columns)
     n = modes.shape[1]
     comm = structure.comm
     scale = np.sqrt(np.diag(stiffness))

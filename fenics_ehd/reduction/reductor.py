@@ -92,7 +92,9 @@ def product(
     return np.hstack([np.zeros((left.shape[1], 0)), *products])
 
 
-def gram_matrices(solver: StaticSolver, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gram_matrices(
+    solver: StaticSolver | Reductor, columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Reduced matrices ``T^T K T`` and ``T^T M T`` of columns T, the same on every rank."""
     comm = solver.structure.comm
     stiffness = product(columns, solver.elastic_forces, columns, comm)
@@ -345,6 +347,13 @@ class Reductor(Described):
         structure = self.structure
         motions = rigid_motions(structure.stiffness, structure.coordinates, structure.digits)
         return motions.free, motions.rounding
+
+    def elastic_forces(self, columns: np.ndarray) -> np.ndarray:
+        """Elastic forces as `StaticSolver.elastic_forces`; only a rounded K is factorised."""
+        free, rounding = self._rigidity
+        if free and rounding is not None:
+            return self.static.elastic_forces(columns)
+        return multiply(self.structure.stiffness, columns)
 
     def stiffness_rounding(self, columns: np.ndarray) -> dict[str, float]:
         """Largest relative error of strain energies of columns t that rounding of K can cause.
