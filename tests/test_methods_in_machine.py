@@ -17,7 +17,6 @@ from fenics_ehd.multibody.recorder import Recorder
 from fenics_ehd.multibody.run import Run
 from fenics_ehd.reduction.bore import rigid_fields
 from fenics_ehd.reduction.fixed_interface_modes import centre_constraints, two_step_craig_bampton
-from fenics_ehd.reduction.matrices import MassOperator
 from fenics_ehd.reduction.reductor import Basis, bore_rows, gram_matrices, rigid
 from fenics_ehd.scenes.part import reduce_structure
 from fenics_ehd.scenes.part_settings import ReductionSettings
@@ -56,9 +55,9 @@ def moved_to_the_bore(structure, body):
     centre = centre_constraints(structure)
     columns = body.columns - fields @ (centre.T @ body.columns)
     assert np.abs(centre.T @ columns).max() < 1e-10
-    mass = MassOperator(structure.mass)
-    basis = Basis(columns, *gram_matrices(structure, mass, columns), body.kinds, (), {})
-    return ehd.Reductor(structure).project(basis, "m3", frame="bore-centre", estimate_error=False)
+    reductor = ehd.Reductor(structure)
+    basis = Basis(columns, *gram_matrices(reductor, columns), body.kinds, (), {})
+    return reductor.project(basis, "m3", frame="bore-centre", estimate_error=False)
 
 
 def test_frame_does_not_change_the_physics(rod_structure):
