@@ -7,6 +7,7 @@ from scipy.interpolate import PchipInterpolator
 
 import fenics_ehd as ehd
 from fenics_ehd.base.columns import Quantity
+from fenics_ehd.base.errors import UnknownNameError
 from fenics_ehd.base.extremes import over_time
 from fenics_ehd.cli.run import joint_lines
 from fenics_ehd.cli.stress import instants_of
@@ -184,7 +185,8 @@ def test_angle_of_a_body_is_that_of_the_run(first, shown):
     np.testing.assert_array_equal(found.angle_of("crank"), turned)
     np.testing.assert_allclose(found.angle_of("cam"), shown + 0.5 * turned)
     assert found.angle_of("piston") is None
-    assert found.angle_of("none") is None
+    with pytest.raises(UnknownNameError, match=r"result.bodies\['none'\].*crank, cam, piston"):
+        found.angle_of("none")
 
 
 def test_search_that_was_stopped_tells_its_last_whole_cycle():

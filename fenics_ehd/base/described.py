@@ -18,11 +18,13 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
-import attrs
-
 from fenics_ehd.base.errors import UnknownNameError
 from fenics_ehd.base.printed import near_names, shown
 from fenics_ehd.base.units import unit_of
+
+#: Attribute with the fields of a class of attrs, read here because the reduction module and its
+#: objects do without attrs.
+ATTRS_FIELDS = "__attrs_attrs__"
 
 #: Largest numbers of lines, and of characters of a line's text.
 MOST_LINES = 10
@@ -151,7 +153,7 @@ def units_of(cls: type) -> dict[str, str]:
                 if len(known) != len(names):
                     known = known[-1:] * len(names)
                 units |= dict(zip(names, known, strict=True))
-        for field in attrs.fields(base) if attrs.has(base) else ():
+        for field in getattr(base, ATTRS_FIELDS, ()):
             if unit := unit_of(field.metadata.get("help", "")):
                 units[field.name] = unit
     return {name: "" if unit == "-" else unit for name, unit in units.items()}
@@ -159,10 +161,8 @@ def units_of(cls: type) -> dict[str, str]:
 
 def _values(source: object) -> Iterator[tuple[str, Any]]:
     """Yield names and values of an object's fields; those with defaults only if all have them."""
-    fields: Iterable[Any] = ()
-    if attrs.has(type(source)):
-        fields = attrs.fields(type(source))  # type: ignore[arg-type]
-    elif dataclasses.is_dataclass(source):
+    fields: Iterable[Any] = getattr(source, ATTRS_FIELDS, ())
+    if dataclasses.is_dataclass(source):
         fields = dataclasses.fields(source)
     if not fields:
         yield from ((k, v) for k, v in vars(source).items() if not k.startswith("_"))

@@ -167,9 +167,10 @@ def instants_of(scene: Scene, result: History) -> dict[str, np.ndarray]:
     The angles are those of the scene's reference body [degrees], if it has one.
     """
     instants = {"time_s": result.run.time - result.cycle.start}
-    angle = result.angle_of(scene.time.of)
+    body = scene.time.of
+    angle = result.angle_of(body) if f"{body}.angle" in result else None
     if angle is not None:
-        instants[f"{scene.time.of}_angle_deg"] = angle
+        instants[f"{body}_angle_deg"] = angle
     return instants
 
 

@@ -296,12 +296,17 @@ class History(Described):
         sizes = {name: float(fields[name]) for name in ("radius", "clearance")}
         return FilmResult(**(fields | sizes))
 
+    @property
+    def _body_names(self) -> list[str]:
+        """Names of the bodies with columns or coordinates."""
+        return self._owners("bodies", [*self.values, *self.coordinate_names])
+
     @cached_property
     def bodies(self) -> dict[str, BodyResult]:
         """Results of every body that can move, by its name."""
-        owners = np.array([name.rpartition("/")[0] for name in self.coordinate_names])
+        owners = np.array([name.rpartition("/")[0] for name in self.coordinate_names], str)
         bodies = {}
-        for name in self._owners("bodies", [*self.values, *self.coordinate_names]):
+        for name in self._body_names:
             of_body = owners == f"bodies/{name}"
             bodies[name] = BodyResult(
                 self._group(f"bodies/{name}"), self.coordinates[:, of_body], self.rates[:, of_body]
@@ -487,15 +492,17 @@ class History(Described):
         """Angle of a body at every step, continuous, shape (steps,) [degrees].
 
         It is the run's reference angle, `run.crank_angle`, if the body turns with it; the angle of
-        any other body begins between 0 and 360 degrees. None for a body without an angle.
+        any other body begins between 0 and 360 degrees. None for a body without an angle, and
+        without columns of bodies.
 
         Raises
         ------
         UnknownNameError
-            If there is no such body.
+            If the history has columns of bodies, but none of this one.
         """
-        if body not in self.bodies:
-            raise unknown_name("result.bodies", body, self.bodies)
+        known = self._body_names
+        if known and body not in known:
+            raise unknown_name("result.bodies", body, known)
         radians = self.values.get(f"bodies/{body}/angle")
         if radians is None:
             return None
