@@ -100,6 +100,8 @@ def test_a_point_that_fails_is_named_and_the_others_stay(call, tmp_path):
     status, out, _ = call("--load", "1e9,2e9", *FEW_CELLS)
     assert status == 1
     assert "no point has a result" in out
+    with pytest.raises(ehd.errors.UnknownNameError, match="its names: none"):
+        _ = module.BearingMap((), ())["kxx"]
 
 
 @pytest.mark.parametrize(

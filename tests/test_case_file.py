@@ -125,6 +125,8 @@ def test_files_of_libraries(scene, tmp_path):
         ),
         ("clearance,oil.viscosity\n1e-5,\n", "line 2: column oil.viscosity is empty: give a value"),
         ("clearance,\n1e-5,7\n", "line 2 has 2 values, but line 1 has 1 keys"),
+        (",clearance\n1000,1e-5\n3000,2e-5\n", "column 1 has no heading, but line 2 has '1000'"),
+        ("clearance;tolerance\n1,000;2.5e-5\n", "1,000 may mean 1.000 or 1000: write one of"),
         (",clearance\nx,1e-5\n", "column 1 has no heading, but line 2 has 'x' there"),
         ("case,clearance\n3,1e-5\n", "column case: line 2 has '3', but cases are numbered from 1"),
         ("clearance\n1e-5\n12um\n", "line 2 has 1e-5 without a unit, but line 3 has 12um"),

@@ -246,7 +246,7 @@ def test_errors_are_larger_where_the_pressure_is_high(tmp_path):
     assert rotor.large_where_high(folder).verdict == HOLDS
 
 
-def test_errors_and_verdicts_of_a_figure_are_written_to_a_page(tmp_path):
+def test_errors_and_verdicts_of_a_figure_are_written_to_a_page(tmp_path, monkeypatch):
     unit = {"pressure_set": "pc1", "selection": "largest-eigenvalue"}
     rows = [run("reference", group="reference", method="full", pressure_error_max=NAN),
             run("reference-step", group="reference", method="full"), m1(30), m2(30),
@@ -268,10 +268,16 @@ def test_errors_and_verdicts_of_a_figure_are_written_to_a_page(tmp_path):
     for row in result.table().rows:
         assert f'<td class="word">{row[0]}</td>' in page
     stored = json.loads((tmp_path / "paper.json").read_text())
-    assert stored["missing_figures"] == [11]
+    assert stored["missing_figures"] == [5, 6, 7, 8, 11]
+    assert f"paper -o {tmp_path} --figures 5,6,7,8,11 computes them" in page
     assert {each["statement"]: each["verdict"] for each in stored["statements"]["rotor-paper"]} == (
         others
     )
+    # Figures that have been drawn are not drawn again.
+    monkeypatch.setattr(paper_page, "draw_figure", None)
+    drawn = {"figure_10": (tmp_path / "figure_10.svg").read_bytes()}
+    paper_page.write_paper_page(tmp_path, drawn)
+    assert (tmp_path / "report.html").read_text() == page
 
 
 def test_a_run_that_failed_has_its_status_in_the_table(tmp_path):

@@ -123,7 +123,7 @@ def test_figures_are_made_and_complete_runs_are_not_repeated(tiny_figures, capfd
     first = (folder / "figure_5.svg").read_bytes()
 
     page = (folder / "report.html").read_bytes()
-    assert b"--figures 6 computes them" in page
+    assert f"paper -o {folder} --figures 6 computes them".encode() in page
     (folder / "report.html").unlink()
     status, out, _ = exit_of(capfd, "report", folder)
     assert (status, out.strip()) == (0, str(folder / "report.html"))
@@ -173,11 +173,28 @@ def without_steps(task):
     return CaseResult(failed(ehd.errors.StepSizeError("1e-13 s")))
 
 
-def test_a_run_that_fails_is_named(tiny_figures, capfd, tmp_path, monkeypatch):
-    monkeypatch.setattr(pool, "run_case", without_steps)
-    status, _, err = exit_of(capfd, "paper", "--figures", "5", "-o", tmp_path / "out")
+def without_disk(task):
+    """Result of a case that could not be stored."""
+    return CaseResult(failed(OSError("disk")))
+
+
+@pytest.mark.parametrize(
+    ("options", "run_case", "message"),
+    [
+        ([], without_steps, "2 runs failed, the first is slider-crank-paper/reference: failed"),
+        # A statement is judged by a run that breaks down, but not by one without disk.
+        (["--statements"], without_steps, "2 runs failed"),
+        (["--statements"], without_disk, "6 runs failed"),
+    ],
+)
+def test_a_run_that_fails_is_named(
+    options, run_case, message, tiny_figures, capfd, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(pool, "run_case", run_case)
+    out = tmp_path / "out"
+    status, _, err = exit_of(capfd, "paper", "--figures", "5", *options, "-o", out)
     assert status == 1
-    assert "2 runs failed, the first is slider-crank-paper/reference: failed: StepSize" in err
+    assert message in err
     assert not list((tmp_path / "out").glob("figure*"))
 
 

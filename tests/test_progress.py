@@ -131,6 +131,11 @@ def test_a_warning_replaces_a_line_of_progress():
     assert len(warning) > len(line)
 
 
+def test_a_program_without_standard_error_is_silent(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", None)
+    progress_module.say("low")
+
+
 def test_a_note_is_made_only_for_a_line_that_is_shown():
     """A run has thousands of steps, of which a line shows few or none."""
     made = []

@@ -9,6 +9,7 @@ from sweep_cases import Inline, results, rows_of, sweep_inline, write_scene
 
 import fenics_ehd as ehd
 from fenics_ehd.base.progress import Progress
+from fenics_ehd.study.cases import changed_text
 from fenics_ehd.study.merged_sweep import merge_sweeps
 from fenics_ehd.study.sweep import Part, SweepFolder, make_sweep
 
@@ -139,6 +140,12 @@ def test_only_the_difference_of_another_sweep_is_named(scene, tmp_path):
         assert named in str(error.value)
 
 
+def test_values_with_one_text_have_a_message_about_their_difference():
+    values = ["a" * 70]
+    text = changed_text("key", values, str(values), "there", "here")
+    assert text.startswith("key is ['aaa")
+
+
 def test_a_key_without_effect_is_named_once(scene):
     with pytest.raises(ehd.errors.SettingsError) as error:
         make_sweep(scene, ["residual_modes=5:24:20", "clearance=14e-6,15e-6"])
@@ -157,13 +164,18 @@ def test_many_bad_values_are_one_line(scene):
         make_sweep(scene, ["clearance=-20:-1:20"])
 
 
-def test_parts_and_the_complete_sweep_agree_row_by_row(scene, table, complete, tmp_path):
+def test_parts_and_the_complete_sweep_agree_row_by_row(scene, table, complete, tmp_path, capfd):
     for number in (1, 2):
         part = make_sweep(scene, table=table, part=Part(number, 2))
         sweep_inline(part, tmp_path / str(number), keep=True)
     with pytest.raises(ehd.errors.InputError, match="part is 1/2 in the folder, but 2/2 here"):
         SweepFolder(tmp_path / "1", part)
     one, two = tmp_path / "1", tmp_path / "2"
+    # A complete part tells how the parts become one sweep.
+    command = ("sweep", scene, "--cases", table, "--part", "2/2", "-o", two)
+    status, printed, _ = exit_of(capfd, *command)
+    assert status == 0
+    assert f"fenics-ehd sweep --merge {two} ... -o DIR" in printed.splitlines()[-1]
     first = merge_sweeps([one], tmp_path / "merged")
     assert first.missing == [2]
     merged = merge_sweeps([two, one], tmp_path / "merged")
@@ -178,6 +190,12 @@ def test_parts_and_the_complete_sweep_agree_row_by_row(scene, table, complete, t
     # A later merge of some parts keeps the rows of the others.
     assert not merge_sweeps([two], tmp_path / "merged").missing
     assert rows_of(tmp_path / "merged") == rows
+    merged_table = tmp_path / "merged" / "sweep.csv"
+    written = merged_table.read_text()
+    merged_table.write_text(written.replace("wall_time_s", "seconds", 1))
+    with pytest.raises(ehd.errors.InputError, match="merged has other columns than that of"):
+        merge_sweeps([two], tmp_path / "merged")
+    merged_table.write_text(written)
     # The merged folder is that of the sweep without parts, with nothing to run.
     pool, _ = sweep_inline(make_sweep(scene, table=table), tmp_path / "merged")
     assert pool.cases == []
@@ -235,6 +253,9 @@ def test_bad_arguments_in_python(scene):
         ehd.sweep(scene, {"clearance": [1e-5]}, keep=True)
     with pytest.raises(ehd.errors.SettingsError, match="must be a list of values"):
         ehd.sweep(scene, {"clearance": 1e-5})
+    joint = ehd.read_scene(scene).joints["big_end"]
+    with pytest.raises(ehd.errors.SettingsError, match="must be a value of a scene file"):
+        ehd.sweep(scene, {"clearance": [joint]})
     with pytest.raises(ehd.errors.SettingsError, match="at least one key"):
         ehd.sweep(scene, {})
     with pytest.raises(

@@ -221,7 +221,9 @@ SILENT = Progress()
 
 
 def _write(text: str) -> None:
-    """Write a text to standard error, which may be closed or broken."""
+    """Write a text to standard error, which may be missing, closed or broken."""
+    if sys.stderr is None:
+        return
     with suppress(OSError, ValueError):
         sys.stderr.write(text)
         sys.stderr.flush()

@@ -74,7 +74,13 @@ def paper(
         parse_figures,
     )
     from fenics_ehd.study.pool import open_pool
-    from fenics_ehd.study.report.paper_page import document, write_paper_page
+    from fenics_ehd.study.report.paper_page import (
+        document,
+        draw_figures,
+        missing_figures,
+        read_results,
+        write_paper_page,
+    )
 
     figures = [FIGURES[n] for n in (parse_figures(chosen) if chosen else FIGURES)]
     target = Path(directory or Path("results") / "paper")
@@ -91,17 +97,19 @@ def paper(
             folders[scene] = held.enter_context(folder)
             folder.take_stock()
         _print_estimates(figures, folders, runs)
-        machines = []
+        drawn: dict[str, bytes] = {}
         for scene, folder in folders.items():
             run_study(folder, pool, names=runs[scene], progress=shown_progress(logs=True))
-            machines = write_paper_page(target)
+            of_scene = [machine for machine in read_results(target) if machine.scene == scene]
+            drawn = draw_figures(of_scene, target, drawn)
             if not as_json:
-                of_scene = [machine for machine in machines if machine.scene == scene]
                 echo("\n".join(_lines(of_scene, figures, target)))
-    machines = [machine for machine in machines if machine.scene in folders]
+        every = write_paper_page(target, drawn)
+    machines = [machine for machine in every if machine.scene in folders]
     text = "\n".join(_last_lines(machines, target, statements))
-    answer({"directory": str(target), **document(machines, target)}, text, as_json)
-    _require_complete(machines, figures)
+    results = document(machines, target, missing_figures(every))
+    answer({"directory": str(target), **results}, text, as_json)
+    _require_complete(machines, figures, runs)
 
 
 def _print_estimates(
@@ -179,8 +187,15 @@ def _last_lines(machines: Sequence[MachineResult], target: Path, statements: boo
     yield f"page {target / PAGE_NAME}, results in {TABLE_NAME} and {RESULTS_NAME}"
 
 
-def _require_complete(machines: Sequence[MachineResult], figures: Sequence[PaperFigure]) -> None:
-    """Fail if a run of a figure failed.
+def _require_complete(
+    machines: Sequence[MachineResult],
+    figures: Sequence[PaperFigure],
+    runs: Mapping[str, Sequence[str]],
+) -> None:
+    """Fail if a run of a figure failed, or another run for a reason that is not its model.
+
+    `runs` are the names of all runs that were asked for, by scene. Statements are judged by runs
+    whose steps or film break down.
 
     Raises
     ------
@@ -188,12 +203,20 @@ def _require_complete(machines: Sequence[MachineResult], figures: Sequence[Paper
         A run failed; the message has the first reason.
     """
     from fenics_ehd.study.pool import FailedCasesError
+    from fenics_ehd.study.report.paper_statement import broke_down
 
     failures: dict[str, str] = {}
     for result in (result for machine in machines for result in machine.figures):
         if result.figure in figures:
             scene = result.figure.scene
             failures |= {f"{scene}/{name}": status for name, status in result.failed.items()}
+    for machine in machines:
+        asked = [row for row in machine.study.rows if row["run"] in runs[machine.scene]]
+        failures |= {
+            f"{machine.scene}/{row['run']}": row["status"]
+            for row in asked
+            if not row.complete and not broke_down(row)
+        }
     if failures:
         name, status = next(iter(failures.items()))
         raise FailedCasesError(

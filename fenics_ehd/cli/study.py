@@ -6,6 +6,7 @@ Imports inside functions: ``--help`` must work without runs and pictures, and qu
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -284,7 +285,13 @@ def _sweep(
     pool = open_pool(workers) if scheduler is None else scheduled(scheduler)
     with pool as executor, SweepFolder(target, plan, resume=resume, overwrite=overwrite) as folder:
         rows = run_sweep(folder, executor, keep=keep, progress=shown_progress(logs=True))
-    _answer_sweep(plan.scene, plan.keys, plan.joints, rows, folder.table, as_json=as_json)
+    note = ""
+    if plan.part.of > 1:
+        note = (
+            f"this is part {plan.part}; when all parts have ended, join their folders: fenics-ehd "
+            f"sweep --merge {shlex.quote(str(target))} ... -o DIR"
+        )
+    _answer_sweep(plan.scene, plan.keys, plan.joints, rows, folder.table, as_json, note=note)
 
 
 def _merge(
@@ -333,8 +340,9 @@ def _answer_sweep(
     table: Path,
     as_json: bool,
     missing: Sequence[int] = (),
+    note: str = "",
 ) -> None:
-    """Print the rows of a sweep.
+    """Print the rows of a sweep, and a note at the end.
 
     Raises
     ------
@@ -352,6 +360,7 @@ def _answer_sweep(
     ]
     lines = table_lines(["case", *keys], rows, [*of_joints, *SWEEP_SHOWN])
     lines.append(f"rows in {table}")
+    lines += [note] if note else []
     summary = {"scene": scene, "keys": keys, "cases": len(rows), "failed": failures}
     summary |= {"missing": list(missing)} if missing else {}
     summary |= {"table": str(table), "rows": rows}

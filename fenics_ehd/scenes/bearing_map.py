@@ -103,8 +103,8 @@ class BearingMap(Described):
         """Column of the map's table, shape (points,), by its name in `rows`; NaN if missing."""
         rows = self.rows()
         if not rows or name not in rows[0]:
-            known = rows[0] if rows else ()
-            raise unknown_name("map", name, known, "map.rows()[0]" if rows else "")
+            where = "map.rows()[0]" if rows else ""
+            raise unknown_name("map", name, rows[0] if rows else (), where)
         values = [row[name] for row in rows]
         return np.array([np.nan if value is None else value for value in values], dtype=float)
 

@@ -60,6 +60,9 @@ DECIMAL_COMMA = re.compile(
     r"(?P<whole>[+-]?[0-9]*),(?P<fraction>[0-9]+)(?P<rest>(?:[eE][+-]?[0-9]+)?(?:\s*(?:[^\W\d_]|[%\u00b0]).*)?)"
 )
 
+#: Pattern of a decimal point, which is between digits.
+DECIMAL_POINT = re.compile(r"[0-9]\.[0-9]")
+
 #: Pattern of a number whose points may separate thousands.
 GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:\.[0-9]{3})+")
 
@@ -371,7 +374,7 @@ def _columns(
 
 
 def _require_without_key(index: int, body: Sequence[Line], header: Line, label: str) -> None:
-    """Refuse a column without a key, unless it is empty or numbers the rows, as pandas writes it.
+    """Refuse a column without a key, unless it is empty or numbers the rows, from 0 or 1.
 
     Raises
     ------
@@ -389,8 +392,9 @@ def _require_without_key(index: int, body: Sequence[Line], header: Line, label: 
                 )
         return
     filled = [line for line in body if line.cells[index]]
-    numbers = {line.cells[index] for line in filled if line.cells[index].isdecimal()}
-    if filled and not (index == 0 and len(numbers) == len(body)):
+    cells = [line.cells[index] for line in body]
+    counts = [[str(n) for n in range(first, first + len(body))] for first in (0, 1)]
+    if filled and not (index == 0 and cells in counts):
         raise SettingsError(
             f"{where}: column {index + 1} has no heading, but line {filled[0].number} has "
             f"{shown(filled[0].cells[index])} there: write its key, or empty the column"
@@ -451,7 +455,7 @@ def _with_decimal_points(
 
     Programs that separate cells by semicolons write decimal commas. With other separators, a comma
     with three digits behind it may separate thousands, unless another number of the file shows that
-    commas are decimal.
+    commas are decimal. In a file with decimal points, such a comma always has two meanings.
 
     Raises
     ------
@@ -463,9 +467,11 @@ def _with_decimal_points(
     grouped: list[tuple[Line, Column]] = []
     is_decimal = separator == ";"
     has_commas = False
+    has_points = False
     for column in (column for column in columns if column.is_number):
         for line in body:
             cell = line.cells[column.index]
+            has_points = has_points or DECIMAL_POINT.search(cell) is not None
             if match := DECIMAL_COMMA.fullmatch(cell):
                 has_commas = True
                 point = f"{match['whole']}.{match['fraction']}{match['rest']}"
@@ -476,7 +482,7 @@ def _with_decimal_points(
                     unclear.append((line, column))
             elif GROUPED.fullmatch(cell):
                 grouped.append((line, column))
-    if unclear and not is_decimal:
+    if unclear and (has_points or not is_decimal):
         _refuse_number(*unclear[0], f"{label}: line {unclear[0][0].number}")
     if grouped and has_commas:
         _refuse_number(*grouped[0], f"{label}: line {grouped[0][0].number}")

@@ -458,9 +458,9 @@ def changed_text(key: str, former: Any, present: Any, there: str, here: str) -> 
     other = COMMAS.split(str(present))
     if len(one) != len(other):
         return f"{key} has {len(one)} values {there}, but {len(other)} {here}"
-    n, old, new = next(
-        (n, a, b) for n, (a, b) in enumerate(zip(one, other, strict=True), 1) if a != b
-    )
+    pairs = enumerate(zip(one, other, strict=True), 1)
+    # Values of different types may have one text.
+    n, old, new = next(((n, a, b) for n, (a, b) in pairs if a != b), (1, one[0], other[0]))
     name = f"value {n} of {key}" if len(one) > 1 else key
     return f"{name} is {_cut(old)} {there}, but {_cut(new)} {here}"
 

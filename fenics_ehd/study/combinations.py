@@ -18,6 +18,7 @@ import numpy as np
 from fenics_ehd.base.arguments import require_class
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.needs import no_effect
+from fenics_ehd.base.printed import shown
 from fenics_ehd.scenes.scene import Scene
 from fenics_ehd.study.case_file import read_case_file
 from fenics_ehd.study.cases import (
@@ -172,20 +173,31 @@ def axes_of_values(
 def _listed(key: str, values: Any) -> list[Any]:
     """Values of an iterable as plain Python values."""
     if not isinstance(values, Iterable) or isinstance(values, Mapping):
-        raise SettingsError(f"{key} = {values!r} must be a list of values")
-    listed = [_as_plain(value) for value in values]
+        raise SettingsError(f"{key} = {shown(values)} must be a list of values")
+    listed = [_as_plain(key, value) for value in values]
     if not listed:
         raise SettingsError(f"{key} = []: give at least one value")
     return listed
 
 
-def _as_plain(value: Any) -> Any:
-    """Value of a setting without types of NumPy, tuples and paths."""
-    if isinstance(value, (np.generic, np.ndarray)):
-        return value.tolist()
-    if isinstance(value, tuple):
-        return list(value)
-    return str(value) if isinstance(value, Path) else value
+def _as_plain(key: str, value: Any) -> Any:
+    """Value of a setting without types of NumPy, tuples and paths.
+
+    Raises
+    ------
+    SettingsError
+        The value is an object that a scene file cannot have, such as settings of a joint.
+    """
+    plain = value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
+    if isinstance(plain, (list, tuple)):
+        return [_as_plain(key, entry) for entry in plain]
+    if isinstance(plain, Path):
+        return str(plain)
+    if plain is None or isinstance(plain, (bool, int, float, str, Mapping)):
+        return plain
+    raise SettingsError(
+        f"{key} = {shown(plain)} must be a value of a scene file: a number, a text or a list"
+    )
 
 
 def _require_new(axes: Iterable[Axis], key: str, written: str) -> None:

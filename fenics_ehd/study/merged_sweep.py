@@ -160,7 +160,9 @@ def merge_sweeps(
         if reason := "" if overwrite else difference(target / ABOUT, about):
             raise OtherFolderError(target / ABOUT, reason)
         if not overwrite and (target / TABLE).exists():
-            parts.append(PartFolder.read(target))  # rows of a former merge are kept
+            former = PartFolder.read(target)  # rows of a former merge are kept
+            _require_same_sweep([parts[0], former])
+            parts.append(former)
         else:
             clear(target, (*OWN, OUTCOMES))
             claim(target, (*OWN, OUTCOMES), SweepFolder.command)
@@ -181,7 +183,10 @@ def _require_same_sweep(parts: Sequence[PartFolder]) -> None:
                     "parts of one sweep"
                 )
         if part.columns != first.columns:
-            raise InputError(f"--merge: the table of {part.path} has other columns than the first")
+            raise InputError(
+                f"--merge: the table of {part.path} has other columns than that of {first.path}: "
+                "merge folders that one version made"
+            )
 
 
 def _write(target: Path, parts: Sequence[PartFolder], about: dict[str, Any]) -> MergedSweep:

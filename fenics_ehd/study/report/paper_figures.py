@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import fenics_ehd.base.matplotlib_start  # noqa: F401  # isort: skip
 from matplotlib.figure import Figure
 
-from fenics_ehd.plotting.picture import SETTINGS, plt, save_in_formats
 from fenics_ehd.study.paper import VALUES, PaperFigure
 from fenics_ehd.study.report.figures import draw_errors, draw_methods
 from fenics_ehd.study.report.study_data import StudyData
@@ -44,10 +41,3 @@ def _draw_safe_film(figure: Figure) -> None:
     )
     axes.annotate(text, (0.02, SAFE_FILM_THICKNESS), xytext=(0, -2), textcoords="offset points",
                   xycoords=("axes fraction", "data"), va="top", fontsize=7.5)  # fmt: skip
-
-
-def write_figure(figure: PaperFigure, study: StudyData, directory: Path) -> list[Path]:
-    """Write the files of a figure into a folder; return their paths, none without a reference."""
-    with plt.rc_context(SETTINGS):
-        drawn = draw_figure(figure, study)
-        return [] if drawn is None else save_in_formats(drawn, directory, figure.name)

@@ -7,8 +7,9 @@ drawn; ``paper.csv`` and ``paper.json`` have the errors and run times of their r
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -223,7 +224,32 @@ def _result_of(study: StudyData) -> MachineResult:
     return MachineResult(study, tuple(figures), others, tuple(missing))
 
 
-def write_paper_page(directory: str | Path) -> list[MachineResult]:
+def draw_figures(
+    machines: Iterable[MachineResult], directory: Path, former: Mapping[str, bytes]
+) -> dict[str, bytes]:
+    """Draw the figures of machines whose runs have ended, except those of `former`.
+
+    Returns
+    -------
+    dict
+        Contents of the SVG files by name of the figure, those of `former` included.
+    """
+    drawn = dict(former)
+    results = [result for machine in machines for result in machine.figures]
+    with plt.rc_context(SETTINGS):
+        for result in results:
+            if result.figure.name in drawn:
+                continue
+            picture = draw_figure(result.figure, result.study)
+            if picture is not None:
+                _, vector = save_in_formats(picture, directory, result.figure.name)
+                drawn[result.figure.name] = vector.read_bytes()
+    return drawn
+
+
+def write_paper_page(
+    directory: str | Path, former: Mapping[str, bytes] | None = None
+) -> list[MachineResult]:
     """Draw the paper's figures whose runs have ended, and write tables and the page.
 
     The same runs give the same files.
@@ -232,6 +258,9 @@ def write_paper_page(directory: str | Path) -> list[MachineResult]:
     ----------
     directory
         Folder of ``fenics-ehd paper``.
+    former
+        Contents of the SVG files of figures that are not drawn again, as `draw_figures` returns
+        them.
 
     Returns
     -------
@@ -247,26 +276,22 @@ def write_paper_page(directory: str | Path) -> list[MachineResult]:
     machines = read_results(folder)
     require_writable(folder)
     claim(folder, (TABLE_NAME, RESULTS_NAME, PAGE_NAME))
-    drawn = {}
-    results = [result for machine in machines for result in machine.figures]
-    with plt.rc_context(SETTINGS):
-        for result in results:
-            picture = draw_figure(result.figure, result.study)
-            if picture is not None:
-                _, vector = save_in_formats(picture, folder, result.figure.name)
-                drawn[result.figure.name] = vector.read_bytes()
+    drawn = draw_figures(machines, folder, former or {})
+    missing = missing_figures(machines)
     rows = [
         {"figure": result.figure.number, **{name: _value(row[name]) for name in COLUMNS}}
-        for result in results
+        for result in (result for machine in machines for result in machine.figures)
         for row in result.rows
     ]
     write_table(folder / TABLE_NAME, ("figure", *COLUMNS), rows)
-    write_whole(folder / RESULTS_NAME, to_json(document(machines, folder)))
+    write_whole(folder / RESULTS_NAME, to_json(document(machines, folder, missing)))
     text = render(
         "paper.jinja",
         "html",
         drawn,
         machines=machines,
+        missing=missing,
+        directory=shlex.quote(str(folder)),
         statement_table=statement_table,
         verdicts=verdict_counts(machines),
         meanings=MEANINGS,
@@ -276,8 +301,23 @@ def write_paper_page(directory: str | Path) -> list[MachineResult]:
     return machines
 
 
-def document(machines: Iterable[MachineResult], directory: Path) -> dict[str, Any]:
-    """Content of ``paper.json``: figures with runs and statements, and all other statements."""
+def missing_figures(machines: Iterable[MachineResult]) -> list[int]:
+    """Numbers of the paper's figures that have a run that has not ended.
+
+    `machines` are all machines with a study; the figures of the others have no runs yet.
+    """
+    missing = {scene: tuple(each.number for each in figures_of(scene)) for scene in STATEMENTS}
+    missing |= {machine.scene: machine.missing for machine in machines}
+    return [number for numbers in missing.values() for number in numbers]
+
+
+def document(
+    machines: Iterable[MachineResult], directory: Path, missing: Sequence[int]
+) -> dict[str, Any]:
+    """Content of ``paper.json``: figures with runs and statements, and all other statements.
+
+    `missing` are the numbers of the figures that have a run that has not ended.
+    """
     machines = list(machines)
     return {
         "figures": [
@@ -286,7 +326,7 @@ def document(machines: Iterable[MachineResult], directory: Path) -> dict[str, An
         "statements": {
             machine.scene: [each.document() for each in machine.others] for machine in machines
         },
-        "missing_figures": [number for machine in machines for number in machine.missing],
+        "missing_figures": list(missing),
     }
 
 
