@@ -100,13 +100,20 @@ def test_strings_that_state_the_words_of_their_column_are_read(ring, tmp_path):
     for line in text.splitlines():
         numbers = line.split()
         if len(numbers) == 3 and numbers[1] == "0":
-            stated = int(numbers[2])
+            stated = 2 * int(numbers[2]) // 3 + 1
+            line = f"{numbers[0]:>8s}{0:8d}{stated:8d}"
         if len(line) == 12:
             line = f"{65536 * stated + int(line) % 65536:12d}"
         lines.append(line)
     (tmp_path / "k.op4").write_text("\n".join(lines) + "\n")
     found = read_op4_matrices(tmp_path / "k.op4")["KGG"]
     np.testing.assert_array_equal(found.toarray(), ring[0][:6, :6].toarray())
+    del lines[3]
+    (tmp_path / "k.op4").write_text("\n".join(lines) + "\n")
+    with pytest.raises(
+        ehd.errors.StructureError, match=r"column 1 of KGG has . values, but .* wor"
+    ):
+        read_op4_matrices(tmp_path / "k.op4")
 
 
 @pytest.mark.parametrize("form", ["strings", "bigmat", "<4", ">4", "<8", ">8"])
@@ -165,6 +172,19 @@ HEAD = f"{3:8d}{3:8d}{6:8d}{2:8d}KGG     1P,3E23.16\n"
         (
             (HEAD + f"{1:8d}{3:8d}{4:8d}\n{ONE}\n{ONE}\n{4:8d}{1:8d}{2:8d}\n{ONE}\n").encode(),
             "row 4",
+        ),
+        (
+            (
+                HEAD
+                + f"{1:8d}{0:8d}{7:8d}\n{65536 * 7 + 1:12d}\n{ONE}\n{ONE}\n{4:8d}{1:8d}{2:8d}\n"
+            ).encode(),
+            "column 1 of KGG has 2 values, but 6 words are",
+        ),
+        (
+            (
+                HEAD + f"{1:8d}{1:8d}{1:8d}\n{ONE}\n{2:8d}{1:8d}{2:8d}\n{ONE}\n{4:8d}{1:8d}{2:8d}\n"
+            ).encode(),
+            "column 2 of KGG has 1 values from row 1, but 2 words are",
         ),
         ((HEAD + f"{1:8d}{1:8d}{2:8d}\n{'*.****':>23s}\n").encode(), "is no number"),
         ((HEAD + f"{1:8d}{1:8d}{2:8d}{2:8d}\n").encode(), "is no record of matrix KGG"),
@@ -531,6 +551,15 @@ def test_forces_that_the_digits_do_not_explain_are_noticed_or_refused(ring):
         check_matrices(rounded(ring[0], 5), *ring[1:])
     single = ring[0].astype(np.float32).astype(float)
     assert "the file's single precision" in str(check_matrices(single, *ring[1:]))
+    turn = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix()
+    turned = ForeignMatrices(single, ring[1], np.arange(72)).turned(turn)
+    assert "as accurate as 7 digits" in str(turned.check(ring[2] @ turn.T))
+
+
+@pytest.mark.parametrize("digits", [0, 99, "10"])
+def test_stated_digits_are_a_count(ring, digits):
+    with pytest.raises(ehd.errors.SettingsError, match="digits"):
+        check_matrices(*ring, digits=digits)
 
 
 def bore_flexibility(body):

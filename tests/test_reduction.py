@@ -24,7 +24,7 @@ from fenics_ehd.reduction.load_dependent_basis import (
 )
 from fenics_ehd.reduction.matrices import MassOperator
 from fenics_ehd.reduction.reductor import rigid
-from fenics_ehd.reduction.static import LinearSolver, StaticSolver, rigid_body_modes
+from fenics_ehd.reduction.static import LinearSolver, StaticSolver
 
 ROOT = Path(__file__).parents[1]
 
@@ -113,7 +113,7 @@ def test_every_rank_holds_the_same_body(body):
 
 @pytest.mark.mpi
 def test_rigid_modes_are_orthonormal_and_store_no_energy(structure, figure):
-    modes = rigid_body_modes(structure)
+    modes = StaticSolver(structure).rigid_modes
     comm = structure.comm
     from fenics_ehd.reduction.matrices import inner, multiply
 

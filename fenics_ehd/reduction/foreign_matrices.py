@@ -46,7 +46,13 @@ from fenics_ehd.base.renamed import renamed_attributes
 from fenics_ehd.base.sealed_file import named, require_file
 from fenics_ehd.reduction.elements import SOLIDS, summed
 from fenics_ehd.reduction.matrices import read_matrix_market, reorder
-from fenics_ehd.reduction.matrix_check import MatrixCheck, check_matrices, decimal_digits
+from fenics_ehd.reduction.matrix_check import (
+    FEWEST_DIGITS,
+    MatrixCheck,
+    check_matrices,
+    decimal_digits,
+    is_single,
+)
 
 #: Diagonal entry of K over their median above which the degree of freedom counts as held by a
 #: penalty: the stiffness of the part is then lost in round-off.
@@ -109,11 +115,14 @@ class ForeignMatrices(Described):
     def turned(self, turn: ArrayLike) -> ForeignMatrices:
         """Matrices of the rotated part: `turn`, shape (3, 3), maps points x to ``turn @ x``.
 
-        The digits of K cannot be counted in the result; its attribute `digits` has them.
+        The digits of K cannot be counted in the result; its attribute `digits` has them. Single
+        precision counts as `FEWEST_DIGITS`.
         """
         rotation = sparse.kron(sparse.identity(len(self.numbers)), np.asarray(turn), format="csr")
         k, m = ((rotation @ matrix @ rotation.T).tocsr() for matrix in (self.stiffness, self.mass))
         digits = self.digits or decimal_digits(self.stiffness.data)
+        if self.digits is None and is_single(self.stiffness.data):
+            digits = min(digits or FEWEST_DIGITS, FEWEST_DIGITS)
         return ForeignMatrices(k, m, self.numbers, digits)
 
 

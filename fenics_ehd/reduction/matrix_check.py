@@ -45,6 +45,7 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
+from fenics_ehd.base.arguments import require_count
 from fenics_ehd.base.described import Described
 from fenics_ehd.base.errors import StructureError
 from fenics_ehd.base.petsc_options import configured
@@ -205,14 +206,18 @@ def decimal_digits(values: np.ndarray) -> int | None:
     return digits if digits <= MOST_DIGITS else None
 
 
+def is_single(values: np.ndarray) -> bool:
+    """Whether values are those of single precision."""
+    return bool(np.array_equal(values.astype(np.float32), values))
+
+
 def rounding_of(matrix: PETSc.Mat) -> Rounding | None:
     """Find the rounding of the values of a matrix; None if they have all digits; collective."""
     values = matrix.getValuesCSR()[2]
     comm = matrix.comm.tompi4py()
     counts = comm.allgather(decimal_digits(values))
     most = max((MOST_DIGITS + 1 if count is None else count) for count in counts)
-    is_single = bool(np.array_equal(values.astype(np.float32), values))
-    if comm.allreduce(is_single, op=MPI.LAND) and most > FEWEST_DIGITS:
+    if comm.allreduce(is_single(values), op=MPI.LAND) and most > FEWEST_DIGITS:
         return SINGLE
     return None if most > MOST_DIGITS else Rounding.to_digits(most)
 
@@ -649,7 +654,11 @@ def check_matrices(
     StructureError
         If the numbers of nodes or the masses of a free part along x, y and z differ, or see
         `require_matrices`.
+    SettingsError
+        If `digits` is no whole number from 1 to `MOST_DIGITS`.
     """
+    if digits is not None:
+        require_count("digits", digits, 1, MOST_DIGITS)
     try:
         points = np.asarray(coordinates, dtype=float)
     except (TypeError, ValueError):

@@ -318,7 +318,9 @@ def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Co
     ValueError
         If the file ends within the matrix, or if a column has more or fewer values than stated.
     """
-    column = row = words = stated = 0
+    column = row = words = stated = total = repeated = 0
+    # Some programs count the words of a text file, some its values: words of a value.
+    sizes = {1, _WORDS[head.kind]}
     values: list[float] = []
     for line in lines:
         if "." in line:
@@ -327,17 +329,21 @@ def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Co
                 raise ValueError(f"{cut[-width:]!r} of {head.name} is not {width} characters wide")
             values += [real_number(cut[i : i + width].strip()) for i in range(0, len(cut), width)]
             continue
-        if values:
-            # Some programs count the words of a text file, some its values; pyNastran states the
-            # count of the whole column for each of its strings.
-            known = (len(values), _WORDS[head.kind] * len(values))
-            if words not in known and words not in (stated, stated - 1):
+        if values or words:
+            known = {size for size in sizes if words == size * len(values)}
+            # pyNastran states the count of the whole column for each of its strings.
+            if not known and stated and words in (stated, stated - 1):
+                repeated = words
+            elif not known:
                 raise ValueError(
                     f"column {column} of {head.name} has {len(values)} values from row {row}, but "
                     f"{words} words are announced"
                 )
+            sizes = known or sizes
+            total += len(values)
             yield _Column(column, row, np.array(values))
             values = []
+            words = 0
         fields = line.split()
         if len(line.rstrip()) == 3 * _INTEGER:
             fields = [line[i : i + _INTEGER].strip() for i in range(0, 3 * _INTEGER, _INTEGER)]
@@ -345,8 +351,18 @@ def _text_columns(lines: Iterator[str], head: _Head, width: int) -> Iterator[_Co
             raise ValueError(f"{line[:48]!r} is no record of matrix {head.name}")
         integers = [int(field) for field in fields]
         if len(integers) == 3:
+            if repeated and repeated not in (total, 2 * total):
+                raise ValueError(
+                    f"column {column} of {head.name} has {total} values, but {repeated} words are "
+                    "announced"
+                )
             column, row, words = integers
-            stated = 0 if row else words
+            if row:
+                stated = 0
+            else:
+                stated = words
+                words = 0  # until the header of a string
+            total = repeated = 0
         elif len(integers) == 2 and head.bigmat:
             words = integers[0] - 1
             row = integers[1]

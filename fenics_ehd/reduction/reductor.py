@@ -42,7 +42,7 @@ from fenics_ehd.reduction.matrices import (
     symmetric,
     transpose_multiply,
 )
-from fenics_ehd.reduction.matrix_check import Rounding, absolute, rigid_motions
+from fenics_ehd.reduction.matrix_check import absolute
 from fenics_ehd.reduction.pressure_family import PressureFamily
 from fenics_ehd.reduction.static import StaticSolver, Work, bore_rows, room_for_columns
 from fenics_ehd.reduction.structure import Structure, check_structure
@@ -314,7 +314,7 @@ class Reductor(Described):
         progress: Progress = SILENT,
     ):
         require_class("structure", structure, Structure)
-        check_structure(structure)
+        self._motions = check_structure(structure)
         self.structure = structure
         self.solver = solver
         self.options_prefix = options_prefix
@@ -336,22 +336,14 @@ class Reductor(Described):
         """Operator that multiplies columns by the mass matrix M of the part."""
         return MassOperator(self.structure.mass)
 
-    @cached_property
+    @property
     def free(self) -> bool:
         """Whether the part has no supports."""
-        return self._rigidity[0]
-
-    @cached_property
-    def _rigidity(self) -> tuple[bool, Rounding | None]:
-        """Whether the part is free, and the rounding of K that its rigid motions show."""
-        structure = self.structure
-        motions = rigid_motions(structure.stiffness, structure.coordinates, structure.digits)
-        return motions.free, motions.rounding
+        return self._motions.free
 
     def elastic_forces(self, columns: np.ndarray) -> np.ndarray:
         """Elastic forces as `StaticSolver.elastic_forces`; only a rounded K is factorised."""
-        free, rounding = self._rigidity
-        if free and rounding is not None:
+        if self.free and self._motions.rounding is not None:
             return self.static.elastic_forces(columns)
         return multiply(self.structure.stiffness, columns)
 
@@ -363,7 +355,7 @@ class Reductor(Described):
         many values cancel, and it is 10 to 500 times the error of a rod. The result is empty if
         rigid motions show no rounding.
         """
-        rounding = self._rigidity[1]
+        rounding = self._motions.rounding
         if rounding is None or not columns.shape[1]:
             return {}
         comm = self.structure.comm
@@ -384,6 +376,7 @@ class Reductor(Described):
         return StaticSolver(
             self.structure,
             mass=self.mass,
+            motions=self._motions,
             solver=self.solver,
             options_prefix=prefix,
             work=self.work,

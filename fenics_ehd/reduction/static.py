@@ -67,26 +67,8 @@ def on_bores(structure: Structure, values: np.ndarray) -> np.ndarray:
     return np.asfortranarray(columns.reshape(-1, values.shape[2]))
 
 
-def rigid_body_modes(structure: Structure) -> np.ndarray:
-    """Mass-orthonormal rigid-body modes of a free part; a clamped part has none.
-
-    Returns
-    -------
-    numpy.ndarray
-        Rows of this rank, shape (owned dofs, 6) for a free part, (owned dofs, 0) for a clamped
-        one.
-
-    Raises
-    ------
-    StructureError
-        If `rigid_motions` refuses the part.
-    """
-    motions = rigid_motions(structure.stiffness, structure.coordinates, structure.digits)
-    return _mass_orthonormal(structure, motions)
-
-
 def _mass_orthonormal(structure: Structure, motions: RigidMotions) -> np.ndarray:
-    """Combine the rigid motions of a free part so that they are mass-orthonormal."""
+    """Mass-orthonormal rigid-body modes of a free part, shape (owned dofs, 6); else (..., 0)."""
     fields = motions.fields
     if not motions.free:
         return fields[:, :0]
@@ -437,6 +419,8 @@ class StaticSolver:
         Prefix of the PETSc options of the linear solver.
     mass
         Operator of products with the mass matrix M, if it exists already; None to make a new one.
+    motions
+        Rigid motions of the part, if `check_structure` has computed them; None to compute them.
     clamped
         Global numbers of the nodes that are held, the same on every rank; None if no nodes are
         held. With held nodes, the flexibility is the inverse of ``K_ii`` of (21), and the part has
@@ -471,6 +455,7 @@ class StaticSolver:
         solver: str = "auto",
         options_prefix: str = "static_",
         mass: MassOperator | None = None,
+        motions: RigidMotions | None = None,
         clamped: np.ndarray | None = None,
         once: bool = False,
         work: Work | None = None,
@@ -488,7 +473,10 @@ class StaticSolver:
         if clamped is not None:
             held = (3 * clamped[:, None] + np.arange(3)).ravel()
         else:
-            motions = rigid_motions(structure.stiffness, structure.coordinates, structure.digits)
+            if motions is None:
+                motions = rigid_motions(
+                    structure.stiffness, structure.coordinates, structure.digits
+                )
             self.rigid_modes = _mass_orthonormal(structure, motions)
             self._rounded = motions.free and motions.rounding is not None
             if direct and self.rigid_modes.shape[1]:

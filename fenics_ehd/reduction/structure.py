@@ -45,6 +45,7 @@ from fenics_ehd.reduction.matrices import (
 )
 from fenics_ehd.reduction.matrix_check import (
     MOST_DIGITS,
+    RigidMotions,
     require,
     require_finite,
     require_matrices,
@@ -358,11 +359,16 @@ REFERENCE_TOLERANCE = 1e-8
 ROUND_OFF = 1e-9
 
 
-def check_structure(structure: Structure) -> None:
+def check_structure(structure: Structure) -> RigidMotions:
     """Check that matrices, coordinates, bores and boundary points describe one part; collective.
 
     A motion without energy that is not rigid, for instance of a loose piece, is detected by
     `StaticSolver`, not here.
+
+    Returns
+    -------
+    RigidMotions
+        Rigid motions of the part.
 
     Raises
     ------
@@ -373,7 +379,9 @@ def check_structure(structure: Structure) -> None:
         boundary point do not average displacements, or two boundary points are the same.
     """
     require_finite({f"{name}.load": bore.load for name, bore in structure.bores.items()})
-    require_matrices(structure.stiffness, structure.mass, structure.coordinates, structure.digits)
+    motions = require_matrices(
+        structure.stiffness, structure.mass, structure.coordinates, structure.digits
+    )
     for name, bore in structure.bores.items():
         check_surface(bore, name)
         _check_nodes(structure, bore, name)
@@ -381,6 +389,7 @@ def check_structure(structure: Structure) -> None:
     if structure.bores:
         _check_centres(structure)
     _check_attachments(structure)
+    return motions
 
 
 def _check_attachments(structure: Structure) -> None:
