@@ -6,15 +6,20 @@ import typing
 from dataclasses import is_dataclass, replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import attrs
 import numpy as np
 import pytest
 
 import fenics_ehd as ehd
+from fenics_ehd.analysis.dynamic_coefficients import DynamicCoefficients
+from fenics_ehd.analysis.rotor_map import CriticalSpeed
 from fenics_ehd.base.columns import Quantity
 from fenics_ehd.base.described import LONGEST_TEXT, MOST_LINES, Described, Named, units_of
+from fenics_ehd.film.forces import FlowBalance
 from fenics_ehd.plotting.rotor import nearest_speed
+from fenics_ehd.reduction.body import InertiaIntegrals
 from fenics_ehd.scenes.bearing_map import FailedPoint
 
 STORED = Path(__file__).parent / "stored" / "run-0.3"
@@ -120,6 +125,16 @@ def test_key_figures_have_units_and_bounds():
     assert "1 of 2 points have a result" in repr(bearing_map())
     assert re.search(r"RotorMap +1 speeds, .* rad/s \(\d+ to \d+ 1/min\)", repr(rotor_map()))
     assert "9.746 MPa ± 0.68 %" in repr(ehd.load_history(STORED))
+    critical = CriticalSpeed(400.0, 1, 0.123, 1.0, 2.0, 0.004)
+    chart = replace(rotor_map(), critical_speeds=(critical,))
+    assert "400 ± 2 rad/s (3820 1/min), mode 2, damping ratio 0.123 ± 0.004" in repr(chart)
+    matrix = np.eye(2)
+    unstable = repr(DynamicCoefficients(matrix, matrix, 0.0, 0.5, 0.0))
+    assert unstable.startswith("DynamicCoefficients ")
+    assert unstable.endswith("unstable for every mass")
+    massless = InertiaIntegrals(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
+    assert not massless.centre_of_mass.any()
+    assert massless.polar_inertia == 0.0
 
 
 def test_fields_have_the_units_of_their_documentation():
@@ -128,6 +143,16 @@ def test_fields_have_the_units_of_their_documentation():
     assert units_of(ehd.Unbalance)["phase"] == "degrees"
     assert "magnitude  0.0001 kg m" in repr(ehd.Unbalance("shaft.disk", 1e-4))
     assert "between   a, b" in repr(ehd.Revolute(("a", "b")))
+    assert "1e-06 m3/s" in repr(FlowBalance(1e-6, 1e-6, 0.0, 0.0, 0.0))
+    scene = ehd.read_scene("loaded-journal", **{"joints.bearing.cells": [12, 3]})
+    joint = scene.joints["bearing"]
+    assert re.search(r"^cells +12, 3$", repr(joint), re.MULTILINE)
+    with pytest.raises(ehd.errors.SettingsError) as refused:
+        ehd.read_scene("loaded-journal", **{"joints.bearing.clearance": joint})
+    assert "\n" not in str(refused.value)
+    assert "must be a finite number" in str(refused.value)
+    starved = ehd.build(ehd.read_scene("loaded-journal-starved")).mechanism.joints["bearing"]
+    assert re.search(r"supplies +axial groove", repr(starved.film))
 
 
 def test_unknown_names_are_refused_with_similar_ones():
@@ -150,6 +175,8 @@ def test_unknown_names_are_refused_with_similar_ones():
         lambda: history.columns["time"]: "did you mean",
         lambda: machine.mechanism.joints["rocker"]: "mechanism.joints['rocker']: ",
         lambda: points["kx"]: "map['kx']: there is no such name: did you mean kxx",
+        lambda: replace(points, results=())["kxx"]: "map['kxx']: there is no such name: its names",
+        lambda: ehd.read_scene("four-bar").joints["x"]: "scene.joints['x']: there is no such name",
     }
     for look_up, message in cases.items():
         with pytest.raises(ehd.errors.SettingsError) as refused:
@@ -194,6 +221,10 @@ def test_results_are_drawn():
     ]
     assert titles == ["z [mm]", "stiffness [MN/m]", "speed [1/min]"]
     assert nearest_speed(rotor_map(), 1.0) == nearest_speed(rotor_map(), None) == 0
+    backward = SimpleNamespace(speeds=np.array([-100.0, -300.0]))
+    assert [nearest_speed(backward, speed) for speed in (300.0, "2865 rpm")] == [1, 1]
+    with pytest.raises(ehd.errors.SettingsError, match="speed = '3000 rpm' has an effect on mode_"):
+        rotor_map().plot("campbell", speed="3000 rpm")
     with pytest.raises(ehd.errors.SettingsError, match="quantity = 'cambell' must be one of camp"):
         rotor_map().plot("cambell")
     with pytest.raises(ehd.errors.SettingsError, match="a bearing has one picture"):

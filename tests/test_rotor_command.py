@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from io import BytesIO
 from shutil import copyfile, copytree
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from command_line import call, exit_of
 import fenics_ehd as ehd
 from fenics_ehd.analysis import rotor_map as engine
 from fenics_ehd.cli.main import main
-from fenics_ehd.cli.rotor import report
+from fenics_ehd.cli.rotor import _mode_lines, report
 from fenics_ehd.multibody.mechanism import System
 from fenics_ehd.plotting.picture import plt
 from fenics_ehd.plotting.rotor import (
@@ -345,7 +346,7 @@ REFUSED = {
 ARGUMENTS = {
     "one speed": ({"speeds": 400.0}, "speeds = 400 must be a list of speeds [rad/s]"),
     "an array of one speed": ({"speeds": np.array(400.0)}, "speeds = 400 must be a list"),
-    "rows of speeds": ({"speeds": np.ones((2, 2))}, "speeds[0] = [1.0, 1.0] must be a finite"),
+    "rows of speeds": ({"speeds": np.ones((2, 2))}, "speeds[0] = [1, 1] must be a finite"),
     "a text": ({"speeds": "400"}, "speeds = '400' must be a list"),
     "a speed in kg": ({"speeds": ["4000 kg"]}, "speeds[0] = '4000 kg' must be a number in rad/s"),
     "an unknown speed": ({"speeds": [400.0, None]}, "speeds[1] = None must be a finite number"),
@@ -548,3 +549,22 @@ def test_help_loads_no_arrays(capfd):
     with pytest.raises(SystemExit):
         main(["rotor", "--help"])
     assert "Campbell diagram" in capfd.readouterr().out
+
+
+def test_modes_of_a_single_speed_have_their_scatter():
+    chart = SimpleNamespace(
+        roots=np.array([[-3.0 + 4.0j]]),
+        scatter=np.array([[0.1 + 0.2j]]),
+        direction=lambda n, track: 1.0,
+    )
+    # nu (nu 0.1 + sigma 0.2) / |root|^3 = 4 (0.4 + 0.6) / 125
+    assert _mode_lines(chart)[1].split()[:8] == [
+        "1",
+        "4",
+        "+-",
+        "0.2",
+        "38",
+        "0.600",
+        "+-",
+        "0.032",
+    ]

@@ -124,7 +124,7 @@ def film(**changes):
         ({"mechanics": {}}, "unknown table [mechanics]"),
         ({"bodies.crank.mass": -1}, "bodies.crank.mass = -1.0 must be at least 0"),
         (film(clearance=float("nan")), "joints.big_end.clearance = nan must be a finite"),
-        ({"lubricants.oil.viscosity": True}, "viscosity = True must be a finite number"),
+        ({"lubricants.oil.viscosity": True}, "viscosity = true must be a finite number"),
         (rod(**{"material.poissons_ratio": 0.5}), "poissons_ratio = 0.5 must be below 0.49"),
         (rod(element="cubic"), "bodies.rod.element = 'cubic' must be one of serendipity"),
         (rod(material=3), "bodies.rod.material = 3 must be a table"),

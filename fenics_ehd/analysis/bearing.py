@@ -489,7 +489,7 @@ class BearingResult(Described):
         if self.contact is not None:
             yield "contact", f"{self.contact.load:.4g} N, share {self.contact.share:.3g}"
         if self.coefficients is not None:
-            yield from self.coefficients.described()
+            yield from [*self.coefficients.described()][1:]
 
     def plot(self) -> Figure:
         """Draw pressure over the bore, pressure and film at mid-width, and the journal in it."""

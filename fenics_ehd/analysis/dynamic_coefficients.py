@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_ehd.base.described import Described
+from fenics_ehd.base.described import Described, first_sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +60,14 @@ class DynamicCoefficients(Described):
 
     def described(self) -> Iterator[tuple[str, str]]:
         """Yield stiffness, damping and stability, each with its scatter over the film meshes."""
+        yield "DynamicCoefficients", first_sentence(type(self))
         yield "stiffness", _matrix_text(self.stiffness, self.stiffness_scatter, 1e-6, "MN/m")
         yield "damping", _matrix_text(self.damping, self.damping_scatter, 1e-3, "kN s/m")
         if self.critical_mass is None:
             yield "stability", "stable for every mass"
+            return
+        if self.critical_mass == 0.0:
+            yield "stability", "unstable for every mass"
             return
         mass = _with_scatter(self.critical_mass, self.critical_mass_scatter)
         whirl = ""

@@ -591,7 +591,7 @@ class Estimator:
 
     @property
     def _remaining_part(self) -> float | None:
-        """See `remaining_part`."""
+        """Distance from the periodic state, over that between the last two cycles [-]."""
         return remaining_part(self._cycles, self._run.control.tolerance, self._decay)
 
 

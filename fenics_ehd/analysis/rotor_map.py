@@ -269,7 +269,7 @@ class RotorMap(Described):
             yield (
                 "critical speed",
                 f"{_speed_text(critical)}, mode {critical.mode + 1}, damping ratio "
-                f"{critical.damping_ratio:.3g}, {whirl_name(critical.direction)}",
+                f"{_ratio_text(critical)}, {whirl_name(critical.direction)}",
             )
         for peak in () if self.response is None else self.response.resonances:
             yield (
@@ -279,7 +279,7 @@ class RotorMap(Described):
         for line in self.notices:
             yield "notice", line
 
-    def plot(self, quantity: str = "campbell", *, speed: float | None = None) -> Figure:
+    def plot(self, quantity: str = "campbell", *, speed: float | str | None = None) -> Figure:
         """Draw a diagram of the map, as ``fenics-ehd rotor`` does.
 
         Parameters
@@ -288,8 +288,8 @@ class RotorMap(Described):
             ``"campbell"``, ``"decrement"``, ``"mode_shapes"``, or ``"unbalance"`` for the response
             to unbalances.
         speed
-            Speed whose mode shapes are drawn [rad/s], the nearest of the map; by default that of
-            the first stability limit, or in the middle of the map.
+            Speed whose mode shapes are drawn [rad/s], or a text with a unit; the nearest of the
+            map is used. By default that of the first stability limit, or in the middle of the map.
         """
         from fenics_ehd import plot
 
@@ -371,6 +371,12 @@ def _speed_text(result: CriticalSpeed | StabilityLimit) -> str:
     """Text of the speed of a critical speed or limit, with its scatter if it is not 0."""
     bound = f" ± {result.scatter:.2g}" if result.scatter else ""
     return f"{abs(result.speed):.5g}{bound} rad/s ({RPM * abs(result.speed):.0f} 1/min)"
+
+
+def _ratio_text(critical: CriticalSpeed) -> str:
+    """Text of the damping ratio of a critical speed, with its scatter if it is not 0."""
+    scatter = critical.damping_ratio_scatter
+    return f"{critical.damping_ratio:.3g}" + (f" ± {scatter:.2g}" if scatter else "")
 
 
 def scaled_shape(deflections: np.ndarray) -> np.ndarray:

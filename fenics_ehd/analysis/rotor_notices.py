@@ -1,4 +1,4 @@
-"""Notices of rotor maps: responses without a force, large orbits, and films that are no bearings.
+"""Notices of rotor maps: no force, large orbits, films without load or with turbulence.
 
 The linear response to an unbalance holds for small orbits. Stiffness and damping of a film without
 load depend on round-off, and those of a turbulent film are not computed.

@@ -97,7 +97,7 @@ def require_finite(name: str, value: Any, unit: str = "") -> None:
         except SettingsError as error:
             raise SettingsError(f"{name} = {value!r} {error}") from None
     if not (isinstance(value, float) and abs(value) < float("inf")):
-        raise SettingsError(f"{name} = {value!r} must be a finite number")
+        raise SettingsError(f"{name} = {shown(value)} must be a finite number")
 
 
 def as_float(value: Any, unit: str | None = None) -> Any:

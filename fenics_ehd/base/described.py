@@ -2,7 +2,7 @@
 
 A class that derives from `Described` is shown by its `described` lines: as text of at most
 `MOST_LINES` lines in Python, as a table in Jupyter. By default, these lines have the name of the
-class, the first sentence of its documentation, and the values of its fields with their units. The
+class, the first line of its documentation, and the values of its fields with their units. The
 unit of a field is in brackets in its help text, or in its lines of the class's documentation:
 ``Bore radius R [m].`` Classes with results define lines of their own, with figures and errors.
 
@@ -20,7 +20,7 @@ from typing import Any
 
 from fenics_ehd.base.errors import UnknownNameError
 from fenics_ehd.base.printed import near_names, shown
-from fenics_ehd.base.units import unit_of
+from fenics_ehd.base.units import unit, unit_of
 
 #: Attribute with the fields of a class of attrs, read here because the reduction module and its
 #: objects do without attrs.
@@ -50,7 +50,7 @@ class Described:
         cls = type(self)
         yield cls.__name__, first_sentence(cls)
         units = units_of(cls)
-        common = unit_of(first_sentence(cls))
+        common = _known_unit(unit_of(first_sentence(cls)))
         for name, value in _values(self):
             yield name, value_text(value, units.get(name, common))
 
@@ -130,7 +130,7 @@ def unknown_name(
 
 
 def first_sentence(cls: type) -> str:
-    """First sentence of a class's documentation, without its full stop; else empty."""
+    """First line of a class's documentation, without its full stop; else empty."""
     lines = inspect.cleandoc(cls.__doc__ or "").split("\n")
     return lines[0].rstrip(".")
 
@@ -143,24 +143,30 @@ ENTRY = re.compile(r"^(\w[\w, ]*)\n((?:[ ]+.*\n?|\n)+)", re.MULTILINE)
 
 
 def units_of(cls: type) -> dict[str, str]:
-    """Units of the fields of a class by name, see the module."""
+    """Units of the fields of a class by name, see the module; empty for fields with ``[-]``."""
     units: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         for section in SECTIONS.findall(inspect.cleandoc(base.__doc__ or "")):
             for listed, text in ENTRY.findall(section):
                 names = [name.strip() for name in listed.split(",")]
                 known = ", ".join(re.findall(r"\[([^\]]*[^\W\d][^\]]*|-|%)\]", text)).split(", ")
+                known = [_known_unit(symbol) for symbol in known]
                 if len(known) != len(names):
                     known = known[-1:] * len(names)
-                units |= dict(zip(names, known, strict=True))
+                units |= {name: symbol for name, symbol in zip(names, known, strict=True) if symbol}
         for field in getattr(base, ATTRS_FIELDS, ()):
-            if unit := unit_of(field.metadata.get("help", "")):
-                units[field.name] = unit
-    return {name: "" if unit == "-" else unit for name, unit in units.items()}
+            if symbol := _known_unit(unit_of(field.metadata.get("help", ""))):
+                units[field.name] = symbol
+    return {name: "" if symbol == "-" else symbol for name, symbol in units.items()}
+
+
+def _known_unit(symbol: str) -> str:
+    """Return a unit or ``-`` as it is, and an empty text for other words in brackets."""
+    return symbol if symbol == "-" or unit(symbol) is not None else ""
 
 
 def _values(source: object) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of an object's fields; those with defaults only if all have them."""
+    """Yield names and values of an object's fields; default values are omitted, unless all are."""
     fields: Iterable[Any] = getattr(source, ATTRS_FIELDS, ())
     if dataclasses.is_dataclass(source):
         fields = dataclasses.fields(source)

@@ -300,7 +300,7 @@ def report(
 
 def _mode_lines(chart: RotorMap) -> list[str]:
     """Lines on the modes of a map with one speed: frequency, damping ratio and whirl."""
-    from fenics_ehd.analysis.modes import damping_ratio, whirl_name
+    from fenics_ehd.analysis.modes import damping_ratio, damping_ratio_scatter, whirl_name
     from fenics_ehd.analysis.rotor_map import OVERDAMPED
 
     rows = [["mode", "rad/s", "1/min", "damping ratio", "whirl", ""]]
@@ -308,12 +308,14 @@ def _mode_lines(chart: RotorMap) -> list[str]:
         if not (root.imag > 0.0 and damping_ratio(root) < OVERDAMPED):
             continue
         direction = chart.direction(0, track)
+        scatter = complex(chart.scatter[track, 0])
+        bound = scatter_text(damping_ratio_scatter(root, scatter) or None)
         rows.append(
             [
                 str(track + 1),
-                f"{root.imag:.5g}",
+                f"{root.imag:.5g}{scatter_text(scatter.imag or None)}",
                 f"{_rpm(root.imag):.0f}",
-                f"{damping_ratio(root):.3f}",
+                f"{damping_ratio(root):.3f}{bound}",
                 f"{whirl_name(direction).removesuffix(' whirl')} {direction:+.2f}",
                 "unstable" if root.real > 0.0 else "",
             ]

@@ -123,7 +123,9 @@ class Film(Described):
         yield "clearance", f"{1e6 * parameters.clearance:.5g} um"
         yield "viscosity", f"{parameters.lubricant.viscosity:.4g} Pa s"
         yield "surfaces", "smooth" if parameters.surfaces is None else "rough"
-        yield "supplies", names_or_none(feed.name for feed in parameters.feeds)
+        grooves = ("axial groove" for _ in parameters.regions)
+        feeds = (feed.name for feed in (*parameters.feeds, *parameters.recesses))
+        yield "supplies", names_or_none([*grooves, *feeds])
 
     def with_own_temperature(self) -> Film:
         """Copy of the film; setting its temperature does not change this film."""

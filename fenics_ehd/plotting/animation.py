@@ -530,8 +530,11 @@ def draw(
     if any(not shape.mesh for shape in shapes.values()):
         note = f"{note}; of flexible bodies, only bores are known"
     figure.text(0.012, 0.985, note, ha="left", va="top", color="0.3")
-    turning = [name for name in mechanism.drives if f"{name}.angle" in frames.motion]
-    angles = {name: frames.motion.angle_of(name) for name in turning}
+    angles = {
+        name: frames.motion.angle_of(name)
+        for name in mechanism.drives
+        if f"{name}.angle" in frames.motion
+    }
     driven = {name: angle for name, angle in angles.items() if angle is not None}
     title = figure.suptitle(" ", x=0.988, ha="right", fontsize="large")
 

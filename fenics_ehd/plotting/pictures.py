@@ -376,7 +376,7 @@ def plot(
     quantity: str = "",
     *,
     difference: bool = False,
-    speed: float | None = None,
+    speed: float | str | None = None,
 ) -> Figure:
     """Draw a quantity over the last cycle of one or more runs, as ``fenics-ehd plot`` does.
 
@@ -394,7 +394,7 @@ def plot(
     difference
         Whether the difference of two runs is drawn: second run minus first run.
     speed
-        Speed of the mode shapes of a rotor map, see `RotorMap.plot` [rad/s].
+        Speed of the mode shapes of a rotor map, see `RotorMap.plot` [rad/s], or a text with a unit.
 
     Returns
     -------
@@ -421,7 +421,7 @@ def plot(
 
 
 def _figure_of_result(
-    result: BearingResult | BearingMap | RotorMap, quantity: str, speed: float | None
+    result: BearingResult | BearingMap | RotorMap, quantity: str, speed: float | str | None
 ) -> Figure:
     """Draw a result of `bearing`, `bearing_map` or `rotor_map`, see `plot`.
 

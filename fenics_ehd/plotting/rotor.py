@@ -28,6 +28,7 @@ from fenics_ehd.analysis.rotor_map import CRITICAL_DAMPING, OVERDAMPED, RotorMap
 from fenics_ehd.analysis.unbalance import UnbalanceResponse, larger_axes, phases
 from fenics_ehd.base.arguments import require_number, require_word
 from fenics_ehd.base.errors import SettingsError
+from fenics_ehd.base.printed import shown
 from fenics_ehd.base.units import RPM
 from fenics_ehd.plotting.picture import (
     BLUE,
@@ -112,7 +113,7 @@ def plot_map(chart: RotorMap, directory: str | Path, shown: Sequence[int]) -> li
     return paths
 
 
-def map_figure(chart: RotorMap, quantity: str, speed: float | None = None) -> Figure:
+def map_figure(chart: RotorMap, quantity: str, speed: float | str | None = None) -> Figure:
     """Draw one picture of a rotor map.
 
     Parameters
@@ -122,8 +123,8 @@ def map_figure(chart: RotorMap, quantity: str, speed: float | None = None) -> Fi
     quantity
         Name of the picture: ``campbell``, ``decrement``, ``mode_shapes`` or ``unbalance``.
     speed
-        Speed whose mode shapes are drawn, the nearest of the map [rad/s]; None for the first
-        stability limit, or a speed in the middle of the map.
+        Speed whose mode shapes are drawn, in magnitude the nearest of the map [rad/s], or a text
+        with a unit; None for the first stability limit, or a speed in the middle of the map.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def map_figure(chart: RotorMap, quantity: str, speed: float | None = None) -> Fi
     """
     require_word("quantity", quantity, (CAMPBELL, DECREMENT, MODE_SHAPES, UNBALANCE))
     if speed is not None and quantity != MODE_SHAPES:
-        raise SettingsError(f"speed = {speed:g} has an effect on mode_shapes only: drop speed")
+        raise SettingsError(f"speed = {shown(speed)} has an effect on mode_shapes only: drop speed")
     with plt.rc_context(SETTINGS):
         if quantity == UNBALANCE:
             if chart.response is None:
@@ -147,13 +148,13 @@ def map_figure(chart: RotorMap, quantity: str, speed: float | None = None) -> Fi
         return campbell(chart) if quantity == CAMPBELL else decrement(chart)
 
 
-def nearest_speed(chart: RotorMap, speed: float | None) -> int:
-    """Index of the map's speed that is nearest to a speed [rad/s], see `map_figure` for None."""
+def nearest_speed(chart: RotorMap, speed: float | str | None) -> int:
+    """Index of the map's speed whose magnitude is nearest to that of a speed, see `map_figure`."""
     if speed is None:
         middle = chart.points[len(chart.points) // 2].speed
         speed = chart.limits[0].speed if chart.limits else middle
     wanted = require_number("speed", speed, unit="rad/s")
-    return int(np.argmin(np.abs(chart.speeds - wanted)))
+    return int(np.argmin(np.abs(np.abs(chart.speeds) - abs(wanted))))
 
 
 def _along(chart: RotorMap, body: str) -> np.ndarray:

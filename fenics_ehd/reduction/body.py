@@ -82,8 +82,8 @@ class InertiaIntegrals(Described):
 
     @property
     def centre_of_mass(self) -> np.ndarray:
-        """Centre of mass relative to the centre of the first bore, x and y [m]."""
-        return self.mass[0, TRANSLATIONS] / self.total_mass
+        """Centre of mass relative to the centre of the first bore, x and y [m]; 0 without mass."""
+        return self.mass[0, TRANSLATIONS] / (self.total_mass or 1.0)
 
     @property
     def polar_inertia(self) -> float:

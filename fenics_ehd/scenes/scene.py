@@ -118,6 +118,11 @@ class Scene(Described):
     renamed: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
+    def __attrs_post_init__(self) -> None:
+        for name in schema.KINDS:
+            require_class(name, getattr(self, name), dict)
+            getattr(self, name).label = f"scene.{name}"
+
     def described(self) -> Iterator[tuple[str, str]]:
         """Yield bodies, joints, drives, forces, lubricants and time span of the scene."""
         yield "Scene", self.name or "without a file"

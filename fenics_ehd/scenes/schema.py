@@ -112,7 +112,7 @@ SUPPLIES: Mapping[str, type] = {
 
 
 @attrs.frozen
-class GroundSettings:
+class GroundSettings(Described):
     """The frame at rest, which every scene has, even if the scene file does not list it."""
 
     points: dict = places("points of the frame at rest [m]")
@@ -252,7 +252,7 @@ class LubricatedSettings(Described):
     radius: float = metres(0.0, "radius of the bore [m]; 0: that of the flexible bore")
     width: float = metres(0.0, "width of the bore [m]; 0: that of the flexible bore")
     cells: tuple[int, ...] = film_cells(
-        "film cells around and along, [40, 10]; empty: as the flexible bore, or 20 x 5 if rigid"
+        "film cells around and along, 40 and 10; empty: as the flexible bore, or 20 x 5 if rigid"
     )
     element: str = quantities.film_element()
     transfer: str = choice(
@@ -363,7 +363,7 @@ class AngleTableSettings:
 
 
 @attrs.frozen
-class GravitySettings:
+class GravitySettings(Described):
     """Gravity, which acts on every body with a mass."""
 
     acceleration: tuple[float, float] = pair("gravitational acceleration [m/s2]", (0.0, -9.81))

@@ -2,7 +2,7 @@
 
 A row has one figure for each joint. An extreme has its position, instant and angle in the same
 cell. A figure of the last cycle that equals the same figure of the complete search for a periodic
-solution shares its cell. A figure that is zero, or a mean that is zero within its error, has no
+solution shares its cell. A figure that is zero, or a mean that is zero but for round-off, has no
 error and no position. A row of such figures is not in the table: the label of the row is listed
 below the table.
 """
@@ -137,7 +137,7 @@ class Cell:
     value, bound
         Texts of the value with its unit, and of its error; the latter is empty for exact values.
     zero
-        Whether the value is zero, or cannot be distinguished from zero.
+        Whether the value is zero, or a mean that is zero but for round-off.
     positions
         Positions of an extreme.
     """
@@ -234,10 +234,11 @@ JointColumns = Mapping[str, Mapping[str, np.ndarray]]
 
 
 def is_zero(figure: Figure, columns: Mapping[str, np.ndarray]) -> bool:
-    """Whether a figure is zero, or a mean that is zero within its error or within round-off.
+    """Whether a figure is zero, or a mean that is zero but for round-off.
 
     `columns` has the columns of the joint of the figure, whose means are figures. Angles and
-    temperatures are never zero: their zero is an arbitrary value.
+    temperatures are never zero: their zero is an arbitrary value. A mean that is smaller than its
+    error is not zero but unknown, and is printed with its error.
     """
     if figure.unit in ("deg", "C"):
         return False
@@ -248,7 +249,7 @@ def is_zero(figure: Figure, columns: Mapping[str, np.ndarray]) -> bool:
     for name in (column, COMPARED.get(column, column)):
         if name in columns:
             scale = max(scale, float(np.max(np.abs(columns[name]), initial=0.0)))
-    return abs(figure.value) <= max(figure.error or 0.0, ROUND_OFF * scale)
+    return abs(figure.value) <= ROUND_OFF * scale
 
 
 def figure_blocks(

@@ -68,7 +68,9 @@ SENTENCES = {
     "unbalance": "unbalance at {point}",
     "rotating": "rotating force on {point}",
     "spring-damper": "spring and damper between {between[0]} and {between[1]}",
-}  #: Smallest coordinate of a centre of mass that is not round-off [m].
+}
+
+#: Smallest coordinate of a centre of mass that is not round-off [m].
 ROUNDING = 1e-9
 
 #: Words for one entry of a table of a scene.
@@ -222,7 +224,7 @@ def vars_of(settings: Any) -> dict[str, Any]:
 
 def _speed(drive: Speed) -> list[str]:
     """Words about a drive with a given speed."""
-    if not drive.speed:
+    if drive.table != NONE:
         return [f"speed over time, table {drive.table}", *changed_settings(drive, ("table",))]
     turns = f"{drive.speed * RPM:.5g} 1/min"
     return [f"speed {drive.speed:.6g} rad/s ({turns})", *changed_settings(drive, ("speed",))]
