@@ -326,16 +326,19 @@ def same_part(ours, reference):
 
 @pytest.mark.mpi
 def test_file_returns_every_bit_on_any_number_of_ranks(folder):
-    part, alone = ring(), ring(comm=MPI.COMM_SELF)
+    part, alone = ring(digits=10), ring(comm=MPI.COMM_SELF)
     save_structure(part, folder / "part.h5")
     again = load_structure(folder / "part.h5")
     same_part(part, again)
+    assert again.digits == 10
     check_structure(again)
     same_part(part, load_structure(str(folder / "part.h5"), MPI.COMM_SELF))
     if COMM.rank == 0:
         save_structure(alone, folder / "alone.h5")
     COMM.barrier()
-    same_part(part, load_structure(folder / "alone.h5"))
+    without = load_structure(folder / "alone.h5")
+    same_part(part, without)
+    assert without.digits is None
     assert sorted(p.name for p in folder.iterdir()) == ["alone.h5", "part.h5"]
 
 

@@ -3,7 +3,8 @@
 The file of a basis has displacements and stresses due to unit modal coordinates. The file of a
 structure has a complete part, for exchange between programs. Its keys are:
 
-    /                       attributes format = "fenics_ehd structure", format_version = 2
+    /                       attributes format = "fenics_ehd structure", format_version = 2;
+                            digits, if those of K were stated
     /stiffness, /mass       K [N/m] and M [kg] in CSR form: datasets data, indices and
                             indptr, attribute shape = (3 n, 3 n); both triangles
     /coordinates            positions of the nodes, shape (n, 3) [m]
@@ -92,6 +93,9 @@ ATTACHMENT_LAYOUT = Group(
     },
     foreign=True,
 )
+
+#: Layout of the stated digits of K, an attribute of the file.
+_DIGITS = Value("integer", least=1)
 
 #: Layout of a complete part in a file.
 LAYOUT = Group(
@@ -215,6 +219,8 @@ def save_structure(structure: Structure, path: str | Path) -> None:
 
     def begin(file: h5py.File) -> None:
         file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION)
+        if structure.digits is not None:
+            file.attrs["digits"] = structure.digits
         # Points keep their order, on which the order of the columns of a basis depends.
         file.create_group("attachments", track_order=True)
         file.create_group("bores").attrs["names"] = list(structure.bores)
@@ -273,6 +279,7 @@ def _read(path: str | Path, comm: MPI.Comm) -> dict[str, Any]:
                 f"names of /bores are {', '.join(names)}, but its groups are {', '.join(groups)}"
             )
         return {
+            "digits": attribute(file, "digits", _DIGITS) if "digits" in file.attrs else None,
             "coordinates": values(file["coordinates"], slice(*even_range(nodes, comm))),
             "attachments": {
                 name: _attachment(f"{path}:/attachments/{name}", group)
