@@ -150,6 +150,11 @@ def test_a_bad_file_is_refused_in_one_line(content, named, scene, tmp_path):
     assert "\n" not in message
 
 
+def test_errors_of_a_spreadsheet_are_no_comments(scene, tmp_path):
+    file = read(scene, tmp_path, "clearance\n# a comment\n1e-5\n#N/A\n#REF!\n#NV\n#NVH\n")
+    assert [row[0] for row in file.rows] == [1e-5, "#N/A", "#REF!", "#NV"]
+
+
 def test_a_comma_is_decimal_if_another_number_shows_it(scene, tmp_path):
     file = read(scene, tmp_path, "tolerance\tlargest_step\n1,500\t0,25\n")
     assert file.rows == ((1.5, 0.25),)

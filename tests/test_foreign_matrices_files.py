@@ -301,6 +301,15 @@ def test_matrix_market_is_read_by_any_scipy(small, tmp_path, monkeypatch, made):
     assert calls == [False]
 
 
+def test_a_matrix_market_file_without_its_size_is_refused(small, tmp_path):
+    io.mmwrite(tmp_path / "K.mtx", small[0])
+    with (tmp_path / "K.mtx").open() as file:
+        head = file.readline()
+    (tmp_path / "K.mtx").write_text(f"{head}%\n")
+    with pytest.raises(ehd.errors.StructureError, match="ends before the line with its size"):
+        ehd.Structure(tmp_path / "K.mtx", small[1], ring_arguments()["coordinates"])
+
+
 def test_exponents_of_fortran_are_read(small, tmp_path):
     """``1.5D+03`` in files of CalculiX, Abaqus and in Matrix Market form."""
     numbers = np.arange(1, 1 + small[0].shape[0] // 3)

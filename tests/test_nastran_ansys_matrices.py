@@ -16,6 +16,7 @@ import fenics_ehd as ehd
 from fenics_ehd.reduction.foreign_matrices import ForeignMatrices, in_order
 from fenics_ehd.reduction.matrix_check import RIGID_LIMIT, check_matrices
 from fenics_ehd.reduction.nastran_matrices import read_op4_matrices
+from fenics_ehd.reduction.structure import check_structure
 
 FILES = Path(__file__).parent / "matrices"
 
@@ -456,6 +457,19 @@ def test_a_held_part_is_reported_as_held(ring):
     held = ring[0].tolil()
     held[:9, :9] += 1e9 * np.eye(9)
     assert "held" in str(check_matrices(held.tocsr(), *ring[1:]))
+
+
+def test_a_diagonal_that_counts_twice_is_noticed(ring):
+    """``U + U.T`` of an upper triangle has elastic forces in translations at every node."""
+    upper = sparse.triu(ring[0])
+    doubled = (upper + upper.T).tocsr()
+    check = check_matrices(doubled, *ring[1:])
+    assert "elastic forces at every node" in check.notices[0]
+    assert "notice: translations have elastic forces at every node" in repr(check)
+    assert "every node" in check._repr_html_()
+    part = ehd.Structure(doubled, *ring[1:])
+    with pytest.warns(UserWarning, match="is the diagonal of K counted twice"):
+        check_structure(part)
 
 
 def test_shapes_that_do_not_fit_are_named(ring):

@@ -297,11 +297,11 @@ def surface_loads(
     return loads
 
 
-#: Components of an error, and the keys that reduce them.
+#: Components of an error, and the keys that reduce them; ``{joint}`` is the name of the joint.
 KEYS = {
-    "basis": "reduction",
-    "film_mesh": "cells",
-    "part_mesh": "geometry",
+    "basis": "bodies.NAME.reduction",
+    "film_mesh": "joints.{joint}.cells",
+    "part_mesh": "bodies.NAME.geometry",
     "step_size": "time.tolerance",
     "start": "time.periodicity",
 }

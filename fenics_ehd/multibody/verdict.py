@@ -101,7 +101,7 @@ def exceeding_limit(error_budget: Mapping[str, Any], limit: float) -> str:
     return (
         f"untrustworthy: {quantity} of joints.{joint} is off by {100 * figure['known']:.3g} %, "
         f"above output.error_limit = {100 * limit:g} %, most of it by the "
-        f"{worst.replace('_', ' ')}: see {KEYS[worst]}"
+        f"{worst.replace('_', ' ')}: see {KEYS[worst].format(joint=joint)}"
     )
 
 

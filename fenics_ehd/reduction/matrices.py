@@ -294,7 +294,8 @@ def read_matrix_market(path: str | Path) -> Any:
     Raises
     ------
     ValueError
-        If the file does not begin with ``%%MatrixMarket``: SciPy's message would be obscure.
+        If the file does not begin with ``%%MatrixMarket``: SciPy's message would be obscure; or
+        if it has no line with its size.
     """
     import gzip
     import inspect
@@ -308,6 +309,10 @@ def read_matrix_market(path: str | Path) -> Any:
                 "the file does not begin with %%MatrixMarket: read a matrix of Abaqus by "
                 "read_abaqus"
             )
+        file.readline()
+        # SciPy would read on for ever.
+        if all(line.startswith(b"%") or not line.strip() for line in file):
+            raise ValueError("the file ends before the line with its size: was it cut off?")
     known = "spmatrix" in inspect.signature(io.mmread).parameters
     options = {"spmatrix": False} if known else {}
     try:

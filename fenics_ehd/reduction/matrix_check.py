@@ -7,7 +7,9 @@ digits and units.
 A free part has no elastic forces in a rigid motion: ``K R = 0`` with the columns of R the unit
 translations and rotations about the coordinates' origin. If coordinates and matrices have different
 orders of nodes, translations remain without force, but not rotations. Forces in a translation are
-those of a part that is held, or of damaged rows: the check cannot distinguish them. M gives mass
+those of a part that is held, or of damaged rows: the check cannot distinguish them. Forces at every
+node are suspicious, because a sparse K couples only nodes near supports with them: such a part is
+reported, and has the diagonal twice, for instance. M gives mass
 and centre by the same motions, ``R^T M R``.
 
 Values that a file has rounded to d digits differ from those of the program by at most
@@ -36,6 +38,7 @@ Imports inside functions: scipy.spatial is needed only for a report.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +74,13 @@ ROUND_OFF_FORCES = 1e-13
 #: Fewest digits of K with which forces in rigid motions are accepted as those of rounding; single
 #: precision has 7. With fewer, stiffness and frequencies would be wrong by per cents.
 FEWEST_DIGITS = 7
+
+#: Elastic force at a node in a translation, relative to that of its diagonal entries, above which
+#: supports or damage act on the node. Rounding to 7 digits causes 1e-6.
+FORCED = 1e-3
+
+#: Share of entries that are not zero above which K counts as dense, as that of a condensed part.
+DENSE = 0.5
 
 #: Rounding above which values count as simple numbers, not as rounded ones (4 digits).
 _SIMPLE = 1e-3
@@ -145,6 +155,13 @@ _MOTIONS = tuple(
     f"{motion} {axis}" for motion in ("translation along", "rotation about") for axis in "xyz"
 )
 
+#: Notice on forces at every node.
+FORCED_EVERYWHERE = (
+    "translations have elastic forces at every node, but only nodes next to supports of a held "
+    "part can have them: is the diagonal of K counted twice (U + U.T of an upper triangle U in "
+    "place of U + U.T - diag(U)), or are rows missing or in another order?"
+)
+
 
 @dataclass(frozen=True)
 class Rounding:
@@ -188,11 +205,14 @@ class RigidMotions:
     rounding
         Rounding that causes the elastic forces in rigid motions of a free part; None if these
         forces are those of double precision, or have another cause.
+    forced_everywhere
+        Whether translations have elastic forces at every node, though K is sparse.
     """
 
     fields: np.ndarray
     free: bool
     rounding: Rounding | None = None
+    forced_everywhere: bool = False
 
 
 def decimal_digits(values: np.ndarray) -> int | None:
@@ -351,7 +371,33 @@ def rigid_motions(
             "a combination of rigid motions stores no energy (relative energy "
             f"{softest:.1e}, limit {HELD:.0e}): the supports do not clamp the part"
         )
-    return RigidMotions(fields, bool(free.all()), excess.rounding if excess.rounded.all() else None)
+    return RigidMotions(
+        fields,
+        bool(free.all()),
+        excess.rounding if excess.rounded.all() else None,
+        not free.any() and _forced_everywhere(stiffness, fields, products),
+    )
+
+
+def _forced_everywhere(stiffness: PETSc.Mat, fields: np.ndarray, forces: np.ndarray) -> bool:
+    """Whether translations have elastic forces at every node of a part with a sparse K; collective.
+
+    Parameters
+    ----------
+    stiffness
+        Stiffness matrix K.
+    fields, forces
+        Displacements of rigid motions, translations first, and their elastic forces, rows of this
+        rank, shape (owned dofs, 6).
+    """
+    rows = stiffness.size[0]
+    if stiffness.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] > DENSE * rows**2:
+        return False
+    displacements = np.abs(fields[:, :3]).max(axis=0)
+    terms = stiffness.getDiagonal().array[:, None] * displacements
+    forced = np.abs(forces[:, :3]) > FORCED * terms
+    at_every_node = bool(forced.reshape(-1, 9).any(axis=1).all())
+    return bool(min(stiffness.comm.tompi4py().allgather(at_every_node)))
 
 
 def require_matrices(
@@ -559,6 +605,8 @@ class MatrixCheck(Described):
     digits
         Text on the digits of K that cause the elastic forces of a free part, empty if there is no
         such cause.
+    forced_everywhere
+        Whether translations have elastic forces at every node, though K is sparse.
     """
 
     nodes: int
@@ -570,13 +618,16 @@ class MatrixCheck(Described):
     density: float
     held: bool = False
     digits: str = ""
+    forced_everywhere: bool = False
 
     @property
     def notices(self) -> list[str]:
         """Lines about a part that is not free, about damaged values, and about mixed units."""
         lines = []
         defect = max(self.translation_defect, self.rotation_defect)
-        if self.held:
+        if self.forced_everywhere:
+            lines.append(FORCED_EVERYWHERE)
+        elif self.held:
             lines.append(
                 f"translations have elastic forces of {self.translation_defect:.1e} of their "
                 "terms: the part is held, or rows of K are damaged, missing or in another order"
@@ -609,11 +660,32 @@ class MatrixCheck(Described):
                 return f"SI units follow if you {text}"
         return "give coordinates in m, K in N/m, M in kg"
 
+    @property
+    def _state(self) -> str:
+        return "held" if self.held else "free"
+
+    def described(self) -> Iterator[tuple[str, str]]:
+        """Yield nodes and state, mass and centre, defects, estimates, digits and all notices."""
+        x, y, z = self.centre
+        yield "MatrixCheck", f"{self.nodes} nodes, {self._state}"
+        yield "mass", f"{self.mass:.6g} kg, centre ({x:.6g}, {y:.6g}, {z:.6g}) m"
+        yield (
+            "defects",
+            (f"translations {self.translation_defect:.1e}, rotations {self.rotation_defect:.1e}"),
+        )
+        yield "units", f"elastic waves {self.wave_speed:.4g} m/s, density {self.density:.4g} kg/m^3"
+        if self.digits:
+            yield "digits", self.digits
+        for line in self.notices:
+            yield "notice", line
+
+    def __repr__(self) -> str:
+        return str(self)  # whole notices
+
     def __str__(self) -> str:
         x, y, z = self.centre
-        state = "held" if self.held else "free"
         lines = [
-            f"{self.nodes} nodes, {state}; mass {self.mass:.6g} kg, "
+            f"{self.nodes} nodes, {self._state}; mass {self.mass:.6g} kg, "
             f"centre ({x:.6g}, {y:.6g}, {z:.6g}) m",
             f"elastic forces in translations {self.translation_defect:.1e}, in rotations "
             f"{self.rotation_defect:.1e} of their terms",
@@ -701,6 +773,7 @@ def check_matrices(
         density=total / _hull_volume(points),
         held=not motions.free,
         digits=f"{file}{motions.rounding.label}" if motions.rounding else "",
+        forced_everywhere=motions.forced_everywhere,
     )
 
 

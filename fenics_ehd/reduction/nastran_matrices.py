@@ -255,8 +255,8 @@ def _named_matrix(file: Path, name: str, *, alone: bool) -> sparse.csr_matrix:
 
 
 def _rotations_empty(matrix: sparse.csr_matrix) -> bool:
-    """Whether the last three of every six rows of a matrix are empty, but not the first three."""
-    filled = np.diff(matrix.indptr).reshape(-1, 6) > 0
+    """Whether the last three of every six rows of a matrix are zero, but not the first three."""
+    filled = np.asarray(abs(matrix).sum(axis=1)).reshape(-1, 6) > 0
     return bool(filled[:, :3].any() and not filled[:, 3:].any())
 
 

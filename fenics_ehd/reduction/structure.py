@@ -9,6 +9,7 @@ twice as many on several ranks, but no factorisation.
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -44,6 +45,7 @@ from fenics_ehd.reduction.matrices import (
     owned_range,
 )
 from fenics_ehd.reduction.matrix_check import (
+    FORCED_EVERYWHERE,
     MOST_DIGITS,
     RigidMotions,
     require,
@@ -382,6 +384,8 @@ def check_structure(structure: Structure) -> RigidMotions:
     motions = require_matrices(
         structure.stiffness, structure.mass, structure.coordinates, structure.digits
     )
+    if motions.forced_everywhere and structure.comm.rank == 0:
+        warnings.warn(FORCED_EVERYWHERE, stacklevel=2)
     for name, bore in structure.bores.items():
         check_surface(bore, name)
         _check_nodes(structure, bore, name)

@@ -43,6 +43,10 @@ SEPARATORS = ";\t,"
 SPACES = re.compile(r"[ \xa0]+(?![^\[(]*[\])])")
 HEADING_SPACES = re.compile(r"[ \xa0]+(?![\[(])(?![^\[(]*[\])])")
 
+#: Pattern of the beginning of a comment; values such as ``#N/A`` and ``#REF!`` are errors of a
+#: spreadsheet.
+COMMENT = re.compile(r"\s*#(?!(?:N/A|NV)(?!\w)|[\w/]+[!?])")
+
 #: Pattern of a first line that states the separator for Excel.
 EXCEL_SEPARATOR = re.compile(r'"?sep=(?P<mark>[;,\t])"?')
 
@@ -246,7 +250,7 @@ def _table(text: str, label: str) -> Table:
     if match := EXCEL_SEPARATOR.fullmatch(texts[start].strip(" ")):
         separator = match["mark"]
         texts[start] = ""
-    is_comment = [each.lstrip().startswith("#") for each in texts]
+    is_comment = [bool(COMMENT.match(each)) for each in texts]
     first = next((n for n, each in enumerate(texts) if each.strip() and not is_comment[n]), None)
     if first is None:
         raise SettingsError(f"{label}: the file needs a line of keys, and a line for each case")
