@@ -382,13 +382,8 @@ def rigid_motions(
 def _forced_everywhere(stiffness: PETSc.Mat, fields: np.ndarray, forces: np.ndarray) -> bool:
     """Whether translations have elastic forces at every node of a part with a sparse K; collective.
 
-    Parameters
-    ----------
-    stiffness
-        Stiffness matrix K.
-    fields, forces
-        Displacements of rigid motions, translations first, and their elastic forces, rows of this
-        rank, shape (owned dofs, 6).
+    `fields` and `forces` are displacements of the rigid motions, and their elastic forces, in the
+    rows of this rank, shape (owned dofs, 6).
     """
     rows = stiffness.size[0]
     if stiffness.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"] > DENSE * rows**2:
