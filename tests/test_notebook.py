@@ -60,6 +60,15 @@ def test_orbits_and_maps(history):
     assert "µm" in title
 
 
+def test_any_column_of_a_joint_is_drawn(history):
+    name = "rocker_end.force_x"
+    figure = history.plot(name)
+    (axes,) = figure.axes
+    assert axes.get_ylabel() == "force x [N]"
+    _, values = shown_curve(figure)
+    np.testing.assert_allclose(values, history.last_cycle()[name])
+
+
 def test_a_difference_of_a_run_and_itself_is_zero(history):
     figure = ehd.plot([history, STORED], "max_pressure", difference=True)
     _, difference = shown_curve(figure)

@@ -410,9 +410,10 @@ class History(Described):
         )
 
     def plot(self, quantity: str) -> Figure:
-        """Draw a quantity over the last cycle, such as ``"big_end.min_film_thickness"``.
+        """Draw a quantity, or any column of a joint, over the last cycle.
 
-        See `fenics_ehd.plot`, which draws several runs.
+        The name is that of the column, such as ``"big_end.min_film_thickness"``. See
+        `fenics_ehd.plot`, which draws several runs.
         """
         from fenics_ehd import plot
 
@@ -442,7 +443,7 @@ class History(Described):
         yield "status", self.status
         yield "steps", f"{len(self)}, {np.min(self.time):.4g} to {np.max(self.time):.4g} s"
         yield "bodies", names_or_none(self.bodies)
-        yield "columns", f"{len(self.names)}: see names, result[NAME] and result.plot(NAME)"
+        yield "columns", f"{len(self.names)}: see names, result[NAME]; of joints: result.plot(NAME)"
         for name in self._owners("joints", self.values):
             yield name, self._extremes(name)
 

@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fenics_ehd.base.arguments import require_class
+from fenics_ehd.base.columns import DIMENSIONLESS, split_unit
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.printed import near_names
 from fenics_ehd.multibody.history import History
@@ -32,8 +33,11 @@ if TYPE_CHECKING:
 Run = str | Path | History
 Runs = Run | Sequence[Run] | Mapping[str, Run]
 
+#: Type of a picture of joints.
+Picture = Curves | Paths | Map | Bores
+
 #: Pictures by the name of their quantity, in the order of `fenics_ehd.base.files.PICTURES`.
-QUANTITIES: dict[str, Curves | Paths | Map | Bores] = {
+QUANTITIES: dict[str, Picture] = {
     "max_pressure": Curves(
         (
             Panel(
@@ -243,7 +247,8 @@ class Pictures:
         Parameters
         ----------
         names
-            Names of quantities: ``max_pressure`` for all joints, ``big_end.max_pressure`` for one.
+            Names of quantities, or of columns without units: ``max_pressure`` for all joints,
+            ``big_end.max_pressure`` for one.
 
         Raises
         ------
@@ -260,7 +265,7 @@ class Pictures:
                     f"{joint}: choose from {', '.join(known) or 'none'}"
                 )
             quantity, joints = self._selected(name)
-            if quantity not in QUANTITIES or not self._having(name):
+            if self._picture(quantity) is None or not self._having(name):
                 of = " and ".join(run.origin for run in self._runs)
                 whose = f" for {', '.join(joints)}" if joints else ""
                 what = "no difference of this quantity" if self._difference else "no such quantity"
@@ -286,6 +291,20 @@ class Pictures:
         """Names of the lubricated joints of all runs."""
         return list(dict.fromkeys(joint for run in self._runs for joint in run.joints))
 
+    def _picture(self, quantity: str) -> Picture | None:
+        """Picture of a quantity: one of `QUANTITIES`, or the curve of a column of the joints."""
+        if quantity in QUANTITIES:
+            return QUANTITIES[quantity]
+        for run in self._runs:
+            for joint in run.joints.values():
+                for column in joint.columns:
+                    name, unit = split_unit(column)
+                    if name == quantity:
+                        label = name.replace("_", " ") + f" [{unit}]" * (unit != DIMENSIONLESS)
+                        panel = Panel(label, {column: ""}, scale="linear", unchanged=True)
+                        return Curves((panel,))
+        return None
+
     def _selected(self, name: str) -> tuple[str, Sequence[str]]:
         """Split a name ``JOINT.QUANTITY`` into the quantity and its joint.
 
@@ -297,8 +316,8 @@ class Pictures:
     def figure(self, name: str) -> Figure | None:
         """Figure of a quantity; None if the runs have no data for it."""
         rows = self._having(name)
-        quantity = QUANTITIES[self._selected(name)[0]]
-        if not rows:
+        quantity = self._picture(self._selected(name)[0])
+        if not rows or quantity is None:
             return None
         with plt.rc_context(SETTINGS):
             if not self._difference:
@@ -344,7 +363,9 @@ class Pictures:
     def _having(self, name: str) -> Rows:
         """Joints for which a quantity can be drawn, by title; whole runs for a quantity of runs."""
         selected, joints = self._selected(name)
-        quantity = QUANTITIES[selected]
+        quantity = self._picture(selected)
+        if quantity is None:
+            return {}
         rows = self._rows(joints)
         of_run = _is_of_run(selected)
         # The energies of two runs start at different instants.
