@@ -297,11 +297,12 @@ def surface_loads(
     return loads
 
 
-#: Components of an error, and the keys that reduce them; ``{joint}`` is the name of the joint.
+#: Components of an error, and the keys that reduce them; those without a table are keys of a joint
+#: or of a body.
 KEYS = {
-    "basis": "bodies.NAME.reduction",
-    "film_mesh": "joints.{joint}.cells",
-    "part_mesh": "bodies.NAME.geometry",
+    "basis": "reduction",
+    "film_mesh": "cells",
+    "part_mesh": "geometry",
     "step_size": "time.tolerance",
     "start": "time.periodicity",
 }

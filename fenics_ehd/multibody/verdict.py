@@ -98,10 +98,11 @@ def exceeding_limit(error_budget: Mapping[str, Any], limit: float) -> str:
     figure = error_budget[joint][quantity]
     estimated = [key for key in COMPONENTS if not isinstance(figure[key], str)]
     worst = max(estimated, key=figure.__getitem__)
+    of_joint = f"joints.{joint}." if worst == "film_mesh" else ""
     return (
         f"untrustworthy: {quantity} of joints.{joint} is off by {100 * figure['known']:.3g} %, "
         f"above output.error_limit = {100 * limit:g} %, most of it by the "
-        f"{worst.replace('_', ' ')}: see {KEYS[worst].format(joint=joint)}"
+        f"{worst.replace('_', ' ')}: see {of_joint}{KEYS[worst]}"
     )
 
 
