@@ -89,7 +89,7 @@ def _entries(path: str | Path, where: str) -> list[tuple[str, list[str]]]:
     except OSError as error:
         raise SettingsError(f"{where}: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise SettingsError(f"{where}: not a text file") from None
+        raise SettingsError(f"{where}: not a text file in UTF-8: save it as CSV UTF-8") from None
     lines = []
     for number, line in enumerate(text.splitlines(), 1):
         line_name = f"{where}, line {number}"
