@@ -315,15 +315,11 @@ def read_matrix_market(path: str | Path) -> Any:
             raise ValueError("the file ends before the line with its size: was it cut off?")
     known = "spmatrix" in inspect.signature(io.mmread).parameters
     options = {"spmatrix": False} if known else {}
-    try:
-        return io.mmread(path, **options)
-    except ValueError:
-        with opened(path, "rb") as file:
-            text = file.read()
-        changed = re.sub(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
-        if changed == text:
-            raise
-        return io.mmread(BytesIO(changed), **options)
+    with opened(path, "rb") as file:
+        text = file.read()
+    # Exponents of Fortran: SciPy before 1.12 refuses them, and later versions ignore them.
+    changed, exponents = re.subn(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
+    return io.mmread(BytesIO(changed) if exponents else path, **options)
 
 
 def _in_hdf5(path: str, group: str) -> Opened:
