@@ -309,14 +309,15 @@ def read_matrix_market(path: str | Path) -> Any:
                 "the file does not begin with %%MatrixMarket: read a matrix of Abaqus by "
                 "read_abaqus"
             )
-        file.readline()
-        # SciPy would read on for ever.
-        if all(line.startswith(b"%") or not line.strip() for line in file):
-            raise ValueError("the file ends before the line with its size: was it cut off?")
+        file.seek(0)
+        text = file.read()
+    lines = BytesIO(text)
+    lines.readline()
+    # SciPy would read on for ever.
+    if all(line.startswith(b"%") or not line.strip() for line in lines):
+        raise ValueError("the file ends before the line with its size: was it cut off?")
     known = "spmatrix" in inspect.signature(io.mmread).parameters
     options = {"spmatrix": False} if known else {}
-    with opened(path, "rb") as file:
-        text = file.read()
     # Exponents of Fortran: SciPy before 1.12 refuses them, and later versions ignore them.
     changed, exponents = re.subn(rb"(?<=[\d.])[dD](?=[+-]?\d)", b"e", text)
     return io.mmread(BytesIO(changed) if exponents else path, **options)

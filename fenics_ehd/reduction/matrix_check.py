@@ -655,32 +655,21 @@ class MatrixCheck(Described):
                 return f"SI units follow if you {text}"
         return "give coordinates in m, K in N/m, M in kg"
 
-    @property
-    def _state(self) -> str:
-        return "held" if self.held else "free"
-
     def described(self) -> Iterator[tuple[str, str]]:
-        """Yield nodes and state, mass and centre, defects, estimates, digits and all notices."""
-        x, y, z = self.centre
-        yield "MatrixCheck", f"{self.nodes} nodes, {self._state}"
-        yield "mass", f"{self.mass:.6g} kg, centre ({x:.6g}, {y:.6g}, {z:.6g}) m"
-        yield (
-            "defects",
-            (f"translations {self.translation_defect:.1e}, rotations {self.rotation_defect:.1e}"),
-        )
-        yield "units", f"elastic waves {self.wave_speed:.4g} m/s, density {self.density:.4g} kg/m^3"
-        if self.digits:
-            yield "digits", self.digits
-        for line in self.notices:
-            yield "notice", line
+        """Yield the printed lines, the first with the name of the class."""
+        first, *others = str(self).split("\n")
+        yield "MatrixCheck", first
+        for line in others:
+            yield "", line
 
     def __repr__(self) -> str:
         return str(self)  # whole notices
 
     def __str__(self) -> str:
         x, y, z = self.centre
+        state = "held" if self.held else "free"
         lines = [
-            f"{self.nodes} nodes, {self._state}; mass {self.mass:.6g} kg, "
+            f"{self.nodes} nodes, {state}; mass {self.mass:.6g} kg, "
             f"centre ({x:.6g}, {y:.6g}, {z:.6g}) m",
             f"elastic forces in translations {self.translation_defect:.1e}, in rotations "
             f"{self.rotation_defect:.1e} of their terms",
