@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_ehd.base.described import Described, first_sentence
+from fenics_ehd.base.printed import scatter_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +79,14 @@ class DynamicCoefficients(Described):
 
 def _with_scatter(value: float, scatter: float | None) -> str:
     """Text of a value, with its scatter if there is one."""
-    return f"{value:.4g}" if scatter is None else f"{value:.4g} ± {scatter:.2g}"
+    return f"{value:.4g}{scatter_text(scatter, sign='±')}"
 
 
 def _matrix_text(matrix: np.ndarray, scatter: np.ndarray | None, factor: float, unit: str) -> str:
     """Text of the entries xx, xy, yx and yy of a matrix times a factor, and the largest scatter."""
     entries = ", ".join(f"{factor * entry:.4g}" for entry in matrix.ravel())
-    bound = "" if scatter is None else f" ± {factor * float(scatter.max()):.2g}"
-    return f"xx, xy, yx, yy: {entries}{bound} {unit}"
+    largest = None if scatter is None else factor * float(scatter.max())
+    return f"xx, xy, yx, yy: {entries}{scatter_text(largest, sign='±')} {unit}"
 
 
 def stability(stiffness: np.ndarray, damping: np.ndarray) -> tuple[float | None, float | None]:

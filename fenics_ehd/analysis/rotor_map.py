@@ -64,6 +64,7 @@ from fenics_ehd.analysis.unbalance import (
 from fenics_ehd.base.arguments import require_count, require_number
 from fenics_ehd.base.described import Described, Named
 from fenics_ehd.base.errors import SettingsError, SolverError
+from fenics_ehd.base.printed import scatter_text
 from fenics_ehd.base.progress import SILENT, Progress, Stage
 from fenics_ehd.base.units import RPM
 from fenics_ehd.multibody.forces import Unbalance
@@ -263,13 +264,15 @@ class RotorMap(Described):
                 "stability",
                 f"{'lost' if limit.lost else 'regained'} at {_speed_text(limit)}, "
                 f"mode {limit.mode + 1}, whirl ratio {limit.whirl_ratio:.4g}"
-                + (f" ± {limit.whirl_ratio_scatter:.2g}" if limit.whirl_ratio_scatter else ""),
+                f"{scatter_text(limit.whirl_ratio_scatter or None, sign='±')}",
             )
         for critical in self.critical_speeds:
             yield (
                 "critical speed",
                 f"{_speed_text(critical)}, mode {critical.mode + 1}, damping ratio "
-                f"{_ratio_text(critical)}, {whirl_name(critical.direction)}",
+                f"{critical.damping_ratio:.3g}"
+                f"{scatter_text(critical.damping_ratio_scatter or None, sign='±')}, "
+                f"{whirl_name(critical.direction)}",
             )
         for peak in () if self.response is None else self.response.resonances:
             yield (
@@ -369,14 +372,8 @@ class RotorMap(Described):
 
 def _speed_text(result: CriticalSpeed | StabilityLimit) -> str:
     """Text of the speed of a critical speed or limit, with its scatter if it is not 0."""
-    bound = f" ± {result.scatter:.2g}" if result.scatter else ""
+    bound = scatter_text(result.scatter or None, sign="±")
     return f"{abs(result.speed):.5g}{bound} rad/s ({RPM * abs(result.speed):.0f} 1/min)"
-
-
-def _ratio_text(critical: CriticalSpeed) -> str:
-    """Text of the damping ratio of a critical speed, with its scatter if it is not 0."""
-    scatter = critical.damping_ratio_scatter
-    return f"{critical.damping_ratio:.3g}" + (f" ± {scatter:.2g}" if scatter else "")
 
 
 def scaled_shape(deflections: np.ndarray) -> np.ndarray:

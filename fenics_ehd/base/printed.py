@@ -36,6 +36,11 @@ def _literal(value: Any) -> str:
     return repr(value)
 
 
+def scatter_text(scatter: float | None, unit: str = "", sign: str = "+-") -> str:
+    """Text of a value's scatter over film meshes, `` +- 0.02``; empty without a scatter."""
+    return "" if scatter is None else f" {sign} {scatter:.2g}{unit}"
+
+
 def key_hint(known: Iterable[str], name: str) -> str:
     """Suggest a known key in place of an unknown one, for a message.
 

@@ -19,6 +19,7 @@ from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.fields import FILM_ELEMENTS
 from fenics_ehd.base.files import keeping_failed_film
 from fenics_ehd.base.needs import NO_TEMPERATURE, NONE
+from fenics_ehd.base.printed import scatter_text
 from fenics_ehd.base.settings import build, require_effects, setting_names
 from fenics_ehd.base.shared_settings import Deviations
 from fenics_ehd.cli.options import (
@@ -29,7 +30,6 @@ from fenics_ehd.cli.options import (
     flag,
     json_option,
     question,
-    scatter_text,
     setting_options,
     warn_of,
 )

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from fenics_ehd.base.errors import SettingsError
 from fenics_ehd.base.files import beginning_with, keeping_failed_film, require_output
+from fenics_ehd.base.printed import scatter_text
 from fenics_ehd.base.progress import shown_progress
-from fenics_ehd.cli.options import aligned, answer, scatter_text, warn_of
+from fenics_ehd.cli.options import aligned, answer, warn_of
 
 if TYPE_CHECKING:
     from fenics_ehd.analysis.bearing_settings import BearingSettings

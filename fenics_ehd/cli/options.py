@@ -36,11 +36,6 @@ def echo(text: object, *, err: bool = False) -> None:
         click.echo(escaped(str(text)))
 
 
-def scatter_text(scatter: float | None, unit: str = "") -> str:
-    """Text of a value's scatter over film meshes, `` +- 0.02``; empty without a scatter."""
-    return "" if scatter is None else f" +- {scatter:.2g}{unit}"
-
-
 def warn_of(lines: Iterable[str]) -> None:
     """Print warnings to standard error, on the first rank."""
     _say(f"fenics-ehd: warning: {line}" for line in lines)

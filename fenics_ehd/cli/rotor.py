@@ -16,6 +16,7 @@ import click
 from fenics_ehd.base.errors import EhdError, SettingsError
 from fenics_ehd.base.fields import FILM_MESHES
 from fenics_ehd.base.files import require_kept, require_made_by, versions
+from fenics_ehd.base.printed import scatter_text
 from fenics_ehd.cli.options import (
     Whole,
     aligned,
@@ -25,7 +26,6 @@ from fenics_ehd.cli.options import (
     no_cache_option,
     output_option,
     question,
-    scatter_text,
     warn_of,
 )
 
