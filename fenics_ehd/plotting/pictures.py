@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -295,14 +296,13 @@ class Pictures:
         """Picture of a quantity: one of `QUANTITIES`, or the curve of a column of the joints."""
         if quantity in QUANTITIES:
             return QUANTITIES[quantity]
-        for run in self._runs:
-            for joint in run.joints.values():
-                for column in joint.columns:
-                    name, unit = split_unit(column)
-                    if name == quantity:
-                        label = name.replace("_", " ") + f" [{unit}]" * (unit != DIMENSIONLESS)
-                        panel = Panel(label, {column: ""}, scale="linear", unchanged=True)
-                        return Curves((panel,))
+        for joint in chain.from_iterable(run.joints.values() for run in self._runs):
+            for column in joint.columns:
+                name, unit = split_unit(column)
+                if name == quantity:
+                    label = name.replace("_", " ") + f" [{unit}]" * (unit != DIMENSIONLESS)
+                    panel = Panel(label, {column: ""}, scale="linear", unchanged=True)
+                    return Curves((panel,))
         return None
 
     def _selected(self, name: str) -> tuple[str, Sequence[str]]:
